@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// From a lossless scene to a compressed .stgs file.
+#pragma once
+
+#include <string>
+
+#include "stgs/format/scene_file.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+struct PackSettings {
+  int quality = 85;  // 0..100
+  double chunk_seconds = 0.5;
+};
+
+struct PackReport {
+  std::uint64_t primitives = 0;
+  std::uint64_t bytes_in = 0, bytes_out = 0;
+  double bytes_per_primitive = 0;
+  // Largest and root-mean-square errors of what was written, measured by decoding it.
+  double position_max = 0, position_rms = 0;  // scene units
+  double colour_rms = 0, opacity_max = 0;
+};
+
+Status pack(const std::string& scene_path, const std::string& output_path,
+            const PackSettings& settings, PackReport* report);
+
+}  // namespace stgs::encoder

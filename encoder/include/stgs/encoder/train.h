@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training of a SharpTimeGS scene from a prepared capture.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/encoder/progress.h"
+#include "stgs/format/scene_file.h"
+
+namespace stgs::encoder {
+
+struct TrainSettings {
+  std::string preset = "default";  // fast, default or best
+  int iterations = 0;              // 0: the preset's
+  int max_primitives = 0;          // 0: the preset's
+  double max_seconds = 0;          // 0: no limit; the schedule fits itself to it
+  std::uint64_t seed = 1;
+  std::string ablate;  // "", "radius", "split" or "modulation"
+  std::vector<std::pair<std::string, std::string>> overrides;  // --set key=value
+  std::string resume;                                          // checkpoint to go on from
+  std::string checkpoint;         // where to write checkpoints; "": none
+  int checkpoint_interval = 500;  // iterations
+  std::string log_path;           // JSON lines; "": none
+};
+
+struct TrainReport {
+  int iterations = 0;
+  double seconds = 0;
+  std::size_t primitives = 0;
+  double final_loss = 0;
+  std::uint64_t peak_memory = 0;  // bytes, resident
+};
+
+// Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.
+Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
+                    const ProgressSink& progress, const LogSink& log, TrainReport* report);
+
+// Names and values of every hyper-parameter that --set takes, for a preset.
+std::vector<std::pair<std::string, std::string>> hyper_parameters(const std::string& preset);
+
+}  // namespace stgs::encoder

@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/prepared_capture.h"
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "image_file.h"
+#include "stgs/format/byte_source.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kCaptureVersion = 1;
+
+Camera camera_from_json(const Json& json) {
+  Camera camera;
+  camera.name = json.at("name").get<std::string>();
+  camera.width = json.at("width").get<int>();
+  camera.height = json.at("height").get<int>();
+  camera.fx = json.at("fx").get<double>();
+  camera.fy = json.at("fy").get<double>();
+  camera.cx = json.at("cx").get<double>();
+  camera.cy = json.at("cy").get<double>();
+  camera.test = json.at("test").get<bool>();
+  const auto rotation = json.at("rotation").get<std::vector<double>>();
+  const auto translation = json.at("translation").get<std::vector<double>>();
+  if (rotation.size() != 9 || translation.size() != 3) {
+    throw std::runtime_error("camera '" + camera.name +
+                             "': rotation needs 9 numbers, translation 3");
+  }
+  std::copy(rotation.begin(), rotation.end(), camera.rotation);
+  std::copy(translation.begin(), translation.end(), camera.translation);
+  return camera;
+}
+
+Json camera_to_json(const Camera& camera) {
+  return {{"name", camera.name},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"rotation", std::vector<double>(camera.rotation, camera.rotation + 9)},
+          {"translation", std::vector<double>(camera.translation, camera.translation + 3)},
+          {"test", camera.test}};
+}
+
+PreparedCapture capture_from_json(const Json& json, const std::string& folder) {
+  PreparedCapture capture;
+  capture.folder = folder;
+  capture.first_frame = json.at("first_frame").get<int>();
+  capture.frames = json.at("frames").get<int>();
+  capture.time_base.numerator = json.at("time_base").at(0).get<std::uint32_t>();
+  capture.time_base.denominator = json.at("time_base").at(1).get<std::uint32_t>();
+  capture.metric = json.at("metric").get<bool>();
+  capture.frame_extension = json.at("frame_extension").get<std::string>();
+  capture.source = json.at("source").get<std::string>();
+  capture.near_plane = json.at("near_plane").get<float>();
+  capture.extent = json.at("extent").get<float>();
+  capture.scene_radius = json.at("scene_radius").get<double>();
+  for (int i = 0; i < 3; ++i) capture.scene_centre[i] = json.at("scene_centre").at(i).get<double>();
+  for (const Json& camera : json.at("cameras")) capture.cameras.push_back(camera_from_json(camera));
+  return capture;
+}
+
+Status check(const PreparedCapture& capture, const std::string& path) {
+  if (capture.cameras.empty()) return invalid_file("{}: has no cameras", path);
+  if (capture.frames < 1) return invalid_file("{}: has no frames", path);
+  if (capture.time_base.numerator == 0 || capture.time_base.denominator == 0) {
+    return invalid_file("{}: time_base has a zero in it", path);
+  }
+  for (const Camera& camera : capture.cameras) {
+    const bool sane = camera.width > 0 && camera.height > 0 && camera.width <= 32768 &&
+                      camera.height <= 32768 && camera.fx > 0 && camera.fy > 0;
+    if (!sane)
+      return invalid_file("{}: camera '{}' has no sane size or focal length", path, camera.name);
+    const bool outside = camera.name.empty() || camera.name.find("..") != std::string::npos ||
+                         camera.name.find('/') != std::string::npos;
+    if (outside) return invalid_file("{}: '{}' cannot be a camera's folder", path, camera.name);
+  }
+  return {};
+}
+
+}  // namespace
+
+math::PinholeCamera Camera::pinhole(float near_plane) const {
+  math::PinholeCamera camera;
+  const auto at = [](double v) { return static_cast<float>(v); };
+  camera.rotation = {at(rotation[0]), at(rotation[1]), at(rotation[2]),
+                     at(rotation[3]), at(rotation[4]), at(rotation[5]),
+                     at(rotation[6]), at(rotation[7]), at(rotation[8])};
+  camera.translation = {at(translation[0]), at(translation[1]), at(translation[2])};
+  camera.fx = at(fx);
+  camera.fy = at(fy);
+  camera.cx = at(cx);
+  camera.cy = at(cy);
+  camera.width = static_cast<float>(width);
+  camera.height = static_cast<float>(height);
+  camera.near_plane = near_plane;
+  return camera;
+}
+
+std::string PreparedCapture::frame_path(const Camera& camera, int frame) const {
+  return fmt::format("{}/frames/{}/{:06}.{}", folder, camera.name, frame, frame_extension);
+}
+
+std::string PreparedCapture::mask_path(const Camera& camera, int frame) const {
+  return fmt::format("{}/masks/{}/{:06}.png", folder, camera.name, frame);
+}
+
+Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
+  const std::string path = folder + "/capture.json";
+  std::ifstream file(path);
+  if (!file) {
+    return io_error(
+        "{}: cannot open; '{}' is not a prepared capture (make one with 'stgs prepare')", path,
+        folder);
+  }
+  try {
+    const Json json = Json::parse(file);
+    if (json.at("stgs_capture").get<int>() != kCaptureVersion) {
+      return unsupported("{}: capture version {} is not known; prepare the capture again", path,
+                         json.at("stgs_capture").get<int>());
+    }
+    PreparedCapture capture = capture_from_json(json, folder);
+    STGS_TRY(check(capture, path));
+    return capture;
+  } catch (const std::exception& error) {
+    return invalid_file("{}: {}", path, error.what());
+  }
+}
+
+Status write_prepared_capture(const PreparedCapture& capture) {
+  const std::string path = capture.folder + "/capture.json";
+  STGS_TRY(check(capture, path));
+  Json json = {
+      {"stgs_capture", kCaptureVersion},
+      {"source", capture.source},
+      {"first_frame", capture.first_frame},
+      {"frames", capture.frames},
+      {"time_base", {capture.time_base.numerator, capture.time_base.denominator}},
+      {"metric", capture.metric},
+      {"frame_extension", capture.frame_extension},
+      {"near_plane", capture.near_plane},
+      {"extent", capture.extent},
+      {"scene_centre", std::vector<double>(capture.scene_centre, capture.scene_centre + 3)},
+      {"scene_radius", capture.scene_radius},
+      {"cameras", Json::array()}};
+  for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
+  const std::string text = json.dump(1) + "\n";
+  return write_file_atomically(path,
+                               {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+}
+
+Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
+  const std::string path = capture.frame_path(camera, frame);
+  STGS_ASSIGN(Image8 image, read_image8(path, 3));
+  if (image.width != camera.width || image.height != camera.height) {
+    return invalid_file("{}: camera '{}' frame {} is {}x{}, but capture.json says {}x{}", path,
+                        camera.name, frame, image.width, image.height, camera.width, camera.height);
+  }
+  return image;
+}
+
+Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
+  const std::string path = capture.mask_path(camera, frame);
+  if (!std::filesystem::exists(path)) return Image8{};
+  STGS_ASSIGN(Image8 mask, read_image8(path, 1));
+  if (mask.width != camera.width || mask.height != camera.height) {
+    return invalid_file("{}: the mask of camera '{}' frame {} is {}x{}, but its frames are {}x{}",
+                        path, camera.name, frame, mask.width, mask.height, camera.width,
+                        camera.height);
+  }
+  return mask;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Random access to bytes that may be a file, memory, or something further away.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+class ByteSource {
+ public:
+  virtual ~ByteSource() = default;
+  // Total size in bytes.
+  virtual std::uint64_t size() const = 0;
+  // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
+  virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
+  // What messages call it: a path, or "memory".
+  virtual const std::string& name() const = 0;
+};
+
+Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
+// Takes the bytes.
+std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes,
+                                          std::string name = "memory");
+
+// Writes to a temporary name in the same folder, syncs, and renames, so that `path` is either the
+// old file or the whole new one. Errors (full disk, read-only folder) leave no temporary behind.
+Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
+
+}  // namespace stgs

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// A set of 4D Gaussian primitives, structure of arrays (spec/representation.md, 1).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace stgs {
+
+// Seconds a tick, as a fraction. A trainer's tick is one frame of the capture.
+struct TimeBase {
+  std::uint32_t numerator = 1;
+  std::uint32_t denominator = 30;
+
+  double seconds(double ticks) const { return ticks * numerator / denominator; }
+  double ticks(double seconds) const { return seconds * denominator / numerator; }
+  bool operator==(const TimeBase&) const = default;
+};
+
+// N primitives. Every array holds its components one primitive after the other.
+struct Gaussians4D {
+  int sh_degree = 0;                 // 0..3
+  std::vector<float> position;       // N x 3, at time `time`; scene units
+  std::vector<float> log_scale;      // N x 3, natural log of the standard deviations
+  std::vector<float> rotation;       // N x 4, quaternion w x y z of any length but 0
+  std::vector<float> opacity_logit;  // N
+  std::vector<float> sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
+  std::vector<float> time;           // N, centre T; ticks
+  std::vector<float> velocity;       // N x 3, effective velocity u = v / f; scene units a tick
+  std::vector<float> sigma;          // N, > 0; ticks
+  std::vector<float> radius;         // N, >= 0; ticks
+
+  std::size_t size() const { return opacity_logit.size(); }
+  int sh_coefficients() const { return (sh_degree + 1) * (sh_degree + 1); }
+  // Sets N; new primitives are zero in every array.
+  void resize(std::size_t n);
+  // Appends primitive i of `other`, which has the same sh_degree.
+  void append(const Gaussians4D& other, std::size_t i);
+  // Keeps the primitives listed, in that order; each index < size().
+  Gaussians4D gather(const std::vector<std::uint32_t>& indices) const;
+};
+
+}  // namespace stgs

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// The alpha law and front-to-back compositing (spec/representation.md, 5).
+#ifndef STGS_FORMAT_MATH_BLEND_H
+#define STGS_FORMAT_MATH_BLEND_H
+
+#include "lang.h"
+
+STGS_MATH_BEGIN
+
+// o_th of the paper: what is less opaque than this, in time or on screen, is not drawn.
+const float kAlphaThreshold = 1.0f / 255.0f;
+const float kAlphaMax = 0.99f;
+// A pixel is finished before the splat that would leave less light than this.
+const float kTransmittanceMin = 1e-4f;
+
+STGS_FN float opacity_of(float logit) {
+  return 1.0f / (1.0f + exp(-logit));
+}
+
+// d' conic d / 2.
+STGS_FN float splat_power(Sym2 conic, float dx, float dy) {
+  return 0.5f * (conic.xx * dx * dx + conic.yy * dy * dy) + conic.xy * dx * dy;
+}
+
+// Alpha of a splat of opacity O_t at half squared distance `power`; 0 where it is not drawn.
+STGS_FN float splat_alpha(float opacity, float power) {
+  if (power < 0.0f) return 0.0f;
+  float alpha = smaller(kAlphaMax, opacity * exp(-power));
+  return alpha < kAlphaThreshold ? 0.0f : alpha;
+}
+
+STGS_MATH_END
+
+#endif

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// The subset that C++, CUDA and GLSL share: free functions over float, int and plain structs, all
+// by value; no references, no overloads, no templates. Only these three macros differ.
+#ifndef STGS_FORMAT_MATH_LANG_H
+#define STGS_FORMAT_MATH_LANG_H
+
+#if defined(GL_core_profile)  // GLSL: set by the compiler for desktop core profiles
+#define STGS_MATH_BEGIN
+#define STGS_MATH_END
+#define STGS_FN
+#else
+#include <cmath>
+#define STGS_MATH_BEGIN  \
+  namespace stgs::math { \
+  using std::abs;        \
+  using std::exp;        \
+  using std::log;        \
+  using std::sqrt;
+#define STGS_MATH_END }
+#if defined(__CUDACC__)
+#define STGS_FN __host__ __device__ inline
+#else
+#define STGS_FN inline
+#endif
+#endif
+
+STGS_MATH_BEGIN
+
+struct Vec2 {
+  float x, y;
+};
+struct Vec3 {
+  float x, y, z;
+};
+// Quaternion w + xi + yj + zk.
+struct Quat {
+  float w, x, y, z;
+};
+// 3x3, named row then column.
+struct Mat3 {
+  float xx, xy, xz, yx, yy, yz, zx, zy, zz;
+};
+// Symmetric 2x2.
+struct Sym2 {
+  float xx, xy, yy;
+};
+// Symmetric 3x3.
+struct Sym3 {
+  float xx, xy, xz, yy, yz, zz;
+};
+
+STGS_FN Vec2 vec2_of(float x, float y) {
+  Vec2 v;
+  v.x = x;
+  v.y = y;
+  return v;
+}
+
+STGS_FN Vec3 vec3_of(float x, float y, float z) {
+  Vec3 v;
+  v.x = x;
+  v.y = y;
+  v.z = z;
+  return v;
+}
+
+STGS_FN float larger(float a, float b) {
+  return a > b ? a : b;
+}
+STGS_FN float smaller(float a, float b) {
+  return a < b ? a : b;
+}
+STGS_FN float clamped(float x, float low, float high) {
+  return smaller(larger(x, low), high);
+}
+
+STGS_FN float dot3(Vec3 a, Vec3 b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+STGS_FN Vec3 mat3_mul(Mat3 m, Vec3 v) {
+  return vec3_of(m.xx * v.x + m.xy * v.y + m.xz * v.z, m.yx * v.x + m.yy * v.y + m.yz * v.z,
+                 m.zx * v.x + m.zy * v.y + m.zz * v.z);
+}
+
+STGS_FN Vec3 mat3_transpose_mul(Mat3 m, Vec3 v) {
+  return vec3_of(m.xx * v.x + m.yx * v.y + m.zx * v.z, m.xy * v.x + m.yy * v.y + m.zy * v.z,
+                 m.xz * v.x + m.yz * v.y + m.zz * v.z);
+}
+
+STGS_MATH_END
+
+#endif

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Motion and visibility in time (spec/representation.md, 2; paper eq. 1 and 2).
+// Times, sigma and radius are in ticks of the time base; for a trainer a tick is one frame.
+#ifndef STGS_FORMAT_MATH_LIFESPAN_H
+#define STGS_FORMAT_MATH_LIFESPAN_H
+
+#include "lang.h"
+
+STGS_MATH_BEGIN
+
+// The coupled lifespan f(sigma, r) that divides the velocity, at least 2 (paper eq. 1).
+STGS_FN float lifespan_modulation(float sigma, float radius) {
+  float span = sigma + radius;
+  return 1.0f + larger(1.0f, span * span);
+}
+
+// Position at dt = t - T for the effective velocity u = v / f, scene units a tick (paper eq. 1).
+STGS_FN Vec3 position_at(Vec3 position, Vec3 u, float dt) {
+  return vec3_of(position.x + u.x * dt, position.y + u.y * dt, position.z + u.z * dt);
+}
+
+// Flat-top visibility l(t) in [0,1] at dt = t - T; sigma > 0, radius >= 0 (paper eq. 2).
+STGS_FN float visibility(float dt, float sigma, float radius) {
+  float beyond = abs(dt) - radius;
+  if (beyond <= 0.0f) return 1.0f;
+  float x = beyond / sigma;
+  return exp(-x * x);
+}
+
+// Half width of the support {t : O l(t) >= threshold} around T, or -1 where it is empty.
+// Follows from eq. 2: |t - T| <= r + sigma sqrt(-ln(threshold / O)).
+STGS_FN float support_half_width(float opacity, float sigma, float radius, float threshold) {
+  if (opacity < threshold) return -1.0f;
+  return radius + sigma * sqrt(larger(0.0f, log(opacity / threshold)));
+}
+
+STGS_MATH_END
+
+#endif

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reading and writing .stgs files (spec/stgs-format.md).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "stgs/format/byte_source.h"
+#include "stgs/format/gaussian4d.h"
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+inline constexpr std::uint16_t kFormatMajor = 0;
+inline constexpr std::uint16_t kFormatMinor = 1;
+
+enum class Profile : std::uint16_t {
+  kLossless = 0,   // every float as trained
+  kQuantised = 1,  // bounded error, Morton order, zstd a stream
+};
+
+// A pinhole camera to start playback from; world-to-camera, OpenCV axes.
+struct StartCamera {
+  float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major
+  float translation[3] = {0, 0, 0};
+  float fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
+  std::uint32_t width = 0, height = 0;   // pixels
+};
+
+// What a file says about itself.
+struct SceneMetadata {
+  TimeBase time_base;
+  std::uint32_t frames = 0;         // duration in ticks: moments [0, frames)
+  bool metric = false;              // scene units are metres
+  float background[3] = {0, 0, 0};  // sRGB-encoded
+  float bounds_min[3] = {0, 0, 0};  // of the positions; computed by the writer
+  float bounds_max[3] = {0, 0, 0};
+  float near_plane = 0.01f;  // scene units; content nearer was never trained
+  std::optional<StartCamera> start_camera;
+  std::string generator;  // program and version that wrote the file
+  std::string title;
+};
+
+struct Scene {
+  SceneMetadata metadata;
+  Gaussians4D gaussians;
+};
+
+// Upper bounds that a reader refuses to pass, checked before anything is allocated.
+struct ReadLimits {
+  std::uint64_t max_primitives = 200'000'000;
+  std::uint64_t max_memory = std::uint64_t{16} << 30;  // bytes, decoded
+};
+
+// One lifespan segment: the primitives whose support lies inside [begin, end).
+struct SegmentInfo {
+  std::int32_t level = 0;  // -1: persistent, the whole timeline; else span = chunk << level
+  double begin_ticks = 0, end_ticks = 0;
+  std::uint32_t primitives = 0;
+  std::uint64_t offset = 0, bytes = 0;  // in the file
+};
+
+// Bytes spent on one attribute over the whole file.
+struct StreamInfo {
+  std::string name;  // "position", "sh", ...
+  std::uint64_t bytes = 0, raw_bytes = 0;
+};
+
+// A file opened for random access: header, metadata and index are read and checked, the rest is
+// read when asked for. Thread-safe after open.
+class SceneReader {
+ public:
+  static Result<std::unique_ptr<SceneReader>> open(std::unique_ptr<ByteSource> source,
+                                                   const ReadLimits& limits = {});
+  static Result<std::unique_ptr<SceneReader>> open(const std::string& path,
+                                                   const ReadLimits& limits = {});
+  virtual ~SceneReader() = default;
+
+  virtual const SceneMetadata& metadata() const = 0;
+  virtual Profile profile() const = 0;
+  virtual std::uint16_t version_major() const = 0;
+  virtual std::uint16_t version_minor() const = 0;
+  virtual int sh_degree() const = 0;
+  virtual std::uint64_t primitives() const = 0;
+  virtual std::uint64_t file_bytes() const = 0;
+  virtual const std::vector<SegmentInfo>& segments() const = 0;
+  virtual std::vector<StreamInfo> streams() const = 0;
+  // Indices of the segments that hold every primitive alive somewhere in [t0, t1], ticks; from the
+  // index alone, ascending in file offset.
+  virtual std::vector<std::uint32_t> segments_between(double t0, double t1) const = 0;
+  // Decodes one segment.
+  virtual Result<Gaussians4D> decode(std::uint32_t segment) const = 0;
+};
+
+struct WriteSettings {
+  Profile profile = Profile::kLossless;
+  double chunk_seconds = 0.5;  // the timeline's chunk C
+  int quality = 85;            // 0..100, quantised profile only
+  int zstd_level = 9;          // 1..19
+};
+
+// The bytes of a whole file.
+Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings);
+// encode_scene, then write_file_atomically.
+Status write_scene(const std::string& path, const Scene& scene, const WriteSettings& settings);
+// All segments of a file; primitives in file order.
+Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
+
+// One finding of a validation.
+struct Issue {
+  int number = 0;            // stable; listed in spec/conformance.md
+  bool error = true;         // else a warning
+  std::uint64_t offset = 0;  // byte where it was found
+  std::string message;
+};
+// Checks everything that can be checked: structure, checksums, limits, values. Goes on after the
+// first finding where the damage allows. An empty list means valid. The error is for a file that
+// cannot be read at all.
+Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLimits& limits = {});
+
+}  // namespace stgs

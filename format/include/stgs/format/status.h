@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// Errors as values. No exception crosses a module's border.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace stgs {
+
+// The command line's exit codes are these values.
+enum class StatusCode : int {
+  kOk = 0,
+  kUsage = 1,        // the caller asked for something that makes no sense
+  kIo = 2,           // a file or stream could not be read or written
+  kInvalidFile = 3,  // bytes that break their format
+  kRuntime = 4,      // anything else that went wrong while working
+  kUnsupported = 5,  // well-formed, but not possible here
+  kNotBuilt = 6,     // a part that this build leaves out
+  kDiffers = 7,      // a comparison found a difference
+};
+
+// The result of an operation: kOk, or a code with a message that says what, where and what to do.
+class [[nodiscard]] Status {
+ public:
+  Status() = default;
+  Status(StatusCode code, std::string message) : code_(code), message_(std::move(message)) {}
+
+  bool ok() const { return code_ == StatusCode::kOk; }
+  StatusCode code() const { return code_; }
+  const std::string& message() const { return message_; }
+
+ private:
+  StatusCode code_ = StatusCode::kOk;
+  std::string message_;
+};
+
+// A value, or the Status that says why there is none.
+template <typename T>
+class [[nodiscard]] Result {
+ public:
+  Result(T value) : value_(std::move(value)) {}          // NOLINT: implicit by design
+  Result(Status status) : status_(std::move(status)) {}  // NOLINT: implicit by design
+
+  bool ok() const { return value_.has_value(); }
+  const Status& status() const { return status_; }
+  T& value() & { return *value_; }
+  const T& value() const& { return *value_; }
+  T&& value() && { return std::move(*value_); }
+  T* operator->() { return &*value_; }
+  const T* operator->() const { return &*value_; }
+  T& operator*() { return *value_; }
+  const T& operator*() const { return *value_; }
+
+ private:
+  std::optional<T> value_;
+  Status status_;
+};
+
+template <typename... Args>
+Status usage_error(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kUsage, fmt::format(text, std::forward<Args>(args)...)};
+}
+template <typename... Args>
+Status io_error(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kIo, fmt::format(text, std::forward<Args>(args)...)};
+}
+template <typename... Args>
+Status invalid_file(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kInvalidFile, fmt::format(text, std::forward<Args>(args)...)};
+}
+template <typename... Args>
+Status runtime_error(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kRuntime, fmt::format(text, std::forward<Args>(args)...)};
+}
+template <typename... Args>
+Status unsupported(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kUnsupported, fmt::format(text, std::forward<Args>(args)...)};
+}
+template <typename... Args>
+Status not_built(fmt::format_string<Args...> text, Args&&... args) {
+  return {StatusCode::kNotBuilt, fmt::format(text, std::forward<Args>(args)...)};
+}
+
+}  // namespace stgs
+
+// Returns from the enclosing function if `expression`, a Status, is an error.
+#define STGS_TRY(expression)                                                                 \
+  do {                                                                                       \
+    if (::stgs::Status stgs_status_ = (expression); !stgs_status_.ok()) return stgs_status_; \
+  } while (false)
+
+#define STGS_CONCAT_INNER(a, b) a##b
+#define STGS_CONCAT(a, b) STGS_CONCAT_INNER(a, b)
+// STGS_ASSIGN(auto x, make_x()): takes the value out of a Result, or returns its Status.
+#define STGS_ASSIGN(target, expression)                    \
+  auto STGS_CONCAT(stgs_result_, __LINE__) = (expression); \
+  if (!STGS_CONCAT(stgs_result_, __LINE__).ok())           \
+    return STGS_CONCAT(stgs_result_, __LINE__).status();   \
+  target = std::move(STGS_CONCAT(stgs_result_, __LINE__)).value()

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/byte_source.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+
+namespace stgs {
+namespace {
+
+Status past_the_end(const std::string& name, std::uint64_t offset, std::uint64_t bytes,
+                    std::uint64_t size) {
+  return invalid_file("{}: needs bytes {} to {}, but the file has only {} bytes: it is truncated",
+                      name, offset, offset + bytes, size);
+}
+
+class FileSource final : public ByteSource {
+ public:
+  FileSource(int fd, std::uint64_t size, std::string name)
+      : fd_(fd), size_(size), name_(std::move(name)) {}
+  ~FileSource() override { ::close(fd_); }
+
+  std::uint64_t size() const override { return size_; }
+  const std::string& name() const override { return name_; }
+
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (offset > size_ || out.size() > size_ - offset) {
+      return past_the_end(name_, offset, out.size(), size_);
+    }
+    std::size_t done = 0;
+    while (done < out.size()) {
+      const ssize_t got =
+          ::pread(fd_, out.data() + done, out.size() - done, static_cast<off_t>(offset + done));
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) return io_error("{}: cannot read: {}", name_, std::strerror(errno));
+      if (got == 0) return past_the_end(name_, offset, out.size(), offset + done);
+      done += static_cast<std::size_t>(got);
+    }
+    return {};
+  }
+
+ private:
+  int fd_;
+  std::uint64_t size_;
+  std::string name_;
+};
+
+class MemorySource final : public ByteSource {
+ public:
+  MemorySource(std::vector<std::uint8_t> bytes, std::string name)
+      : bytes_(std::move(bytes)), name_(std::move(name)) {}
+
+  std::uint64_t size() const override { return bytes_.size(); }
+  const std::string& name() const override { return name_; }
+
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (offset > bytes_.size() || out.size() > bytes_.size() - offset) {
+      return past_the_end(name_, offset, out.size(), bytes_.size());
+    }
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
+    return {};
+  }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  std::string name_;
+};
+
+Status write_all(int fd, std::span<const std::uint8_t> bytes, const std::string& path) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t wrote = ::write(fd, bytes.data() + done, bytes.size() - done);
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote < 0) return io_error("{}: cannot write: {}", path, std::strerror(errno));
+    done += static_cast<std::size_t>(wrote);
+  }
+  if (::fsync(fd) != 0 && errno != EINVAL && errno != EROFS) {
+    return io_error("{}: cannot write: {}", path, std::strerror(errno));
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return io_error("{}: cannot open: {}", path, std::strerror(errno));
+  struct stat info {};
+  if (::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+    ::close(fd);
+    return io_error("{}: not a regular file", path);
+  }
+  return std::unique_ptr<ByteSource>(
+      std::make_unique<FileSource>(fd, static_cast<std::uint64_t>(info.st_size), path));
+}
+
+std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes, std::string name) {
+  return std::make_unique<MemorySource>(std::move(bytes), std::move(name));
+}
+
+Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
+  const std::string temporary = fmt::format("{}.{}.tmp", path, ::getpid());
+  const int fd = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (fd < 0) return io_error("{}: cannot create: {}", path, std::strerror(errno));
+  Status status = write_all(fd, bytes, path);
+  if (::close(fd) != 0 && status.ok()) {
+    status = io_error("{}: cannot write: {}", path, std::strerror(errno));
+  }
+  if (status.ok() && std::rename(temporary.c_str(), path.c_str()) != 0) {
+    status = io_error("{}: cannot replace: {}", path, std::strerror(errno));
+  }
+  if (!status.ok()) ::unlink(temporary.c_str());
+  return status;
+}
+
+}  // namespace stgs
