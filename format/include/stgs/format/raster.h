@@ -22,7 +22,8 @@ struct Splat {
   float opacity;      // O_t = O l(t), after slicing
   math::Vec3 colour;  // sRGB-encoded, >= 0
   float depth;        // camera z
-  math::Vec2 extent;  // half size of the box where alpha >= threshold, pixels
+  math::Vec2 extent;  // half size of a box outside which alpha < threshold, pixels
+  float reach;        // largest half squared distance that is drawn: ln(O_t / threshold)
   std::uint32_t id;   // index of the primitive in its set
 };
 
@@ -34,6 +35,13 @@ struct SplatFrame {
   std::vector<Splat> splats;              // ascending id
   std::vector<std::uint32_t> instances;   // indices into splats, tile after tile
   std::vector<std::uint32_t> tile_begin;  // tiles_x*tiles_y + 1 offsets into instances
+
+  // Working memory of slice and bin; nothing to read here.
+  struct Scratch {
+    std::vector<std::vector<Splat>> slice_blocks;
+    std::vector<std::uint32_t> order, order_next, keys, keys_next, counts;
+    std::vector<std::vector<std::uint32_t>> bin_chunks;
+  } scratch;
 };
 
 // Float image, planar: channel c of pixel (x,y) at data[(c*height + y)*width + x].
@@ -52,7 +60,8 @@ struct RasterOutput {
   Image colour;                     // 3 channels, background blended in
   Image alpha;                      // 1 channel, 1 - transmittance
   Image depth;                      // 1 channel, blend-weighted mean camera z; 0 where alpha is 0
-  std::vector<std::uint32_t> last;  // per pixel: splats of its tile's list gone through
+  Image transmittance;              // 1 channel, share of the background that is left
+  std::vector<std::uint32_t> last;  // per pixel: length of its tile's list up to the last one drawn
 };
 
 struct RasterSettings {

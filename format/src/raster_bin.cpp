@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tile lists: splats are put in depth order once, then dealt to the tiles that they touch, so that
+// each tile's list comes out in depth order.
+#include <tbb/parallel_for.h>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <numeric>
+
+#include "raster_internal.h"
+
+namespace stgs {
+namespace {
+
+using raster::PixelBox;
+
+// Splats a chunk of the dealing, so that there are at most 32 chunks (each counts every tile).
+// Chunks are joined in order, whichever thread dealt them.
+std::size_t chunk_size(std::size_t splats) {
+  return std::max<std::size_t>(1024, (splats + 31) / 32);
+}
+
+// Stable radix sort of 0..n-1 by depth; depths are positive, so their bits ascend with them.
+void sort_by_depth(const std::vector<Splat>& splats, SplatFrame::Scratch& s) {
+  constexpr int kBits = 11, kPasses = 3, kBuckets = 1 << kBits;
+  const std::size_t n = splats.size();
+  s.order.resize(n);
+  s.order_next.resize(n);
+  s.keys.resize(n);
+  s.keys_next.resize(n);
+  std::array<std::array<std::uint32_t, kBuckets>, kPasses> start{};
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::uint32_t key = std::bit_cast<std::uint32_t>(splats[i].depth);
+    s.keys[i] = key;
+    s.order[i] = static_cast<std::uint32_t>(i);
+    for (int pass = 0; pass < kPasses; ++pass)
+      ++start[pass][(key >> (pass * kBits)) & (kBuckets - 1)];
+  }
+  for (int pass = 0; pass < kPasses; ++pass) {
+    auto& at = start[pass];
+    std::exclusive_scan(at.begin(), at.end(), at.begin(), 0u);
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::uint32_t to = at[(s.keys[i] >> (pass * kBits)) & (kBuckets - 1)]++;
+      s.keys_next[to] = s.keys[i];
+      s.order_next[to] = s.order[i];
+    }
+    s.keys.swap(s.keys_next);
+    s.order.swap(s.order_next);
+  }
+}
+
+// Least d' conic d on the segment where one offset is `fixed` and the other in [low, high], less
+// the rounding error that the blend may make there. `along` is the conic's entry of the free
+// offset.
+float edge_minimum(float across, float cross, float along, float fixed, float low, float high) {
+  const float free = std::clamp(-cross * fixed / along, low, high);
+  const float a = across * fixed * fixed, b = along * free * free, c = 2.0f * cross * fixed * free;
+  return a + b + c - 1e-6f * (a + b + std::abs(c));
+}
+
+// Whether any point of the rectangle of the box's pixel centres lies in the splat's ellipse.
+bool ellipse_meets(const Splat& s, const PixelBox& box) {
+  const float x0 = static_cast<float>(box.x0) + 0.5f - s.mean.x;
+  const float x1 = static_cast<float>(box.x1) - 0.5f - s.mean.x;
+  const float y0 = static_cast<float>(box.y0) + 0.5f - s.mean.y;
+  const float y1 = static_cast<float>(box.y1) - 0.5f - s.mean.y;
+  const float q = 2.0f * s.reach + 1e-4f;
+  const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
+  if (in_x && in_y) return true;
+  // A convex form is least on an edge that faces its centre.
+  if (!in_x && edge_minimum(s.conic.xx, s.conic.xy, s.conic.yy, x0 > 0.0f ? x0 : x1, y0, y1) <= q)
+    return true;
+  return !in_y &&
+         edge_minimum(s.conic.yy, s.conic.xy, s.conic.xx, y0 > 0.0f ? y0 : y1, x0, x1) <= q;
+}
+
+// Calls visit(tile) for each tile that the splat touches, in ascending order.
+template <typename Visit>
+void for_each_tile(const SplatFrame& frame, const Splat& s, Visit visit) {
+  const PixelBox box = raster::covered_pixels(s, {0, 0, frame.width, frame.height});
+  if (box.empty()) return;
+  const int tx0 = box.x0 / kTileSize, tx1 = (box.x1 - 1) / kTileSize;
+  const int ty0 = box.y0 / kTileSize, ty1 = (box.y1 - 1) / kTileSize;
+  for (int ty = ty0; ty <= ty1; ++ty) {
+    for (int tx = tx0; tx <= tx1; ++tx) {
+      const int tile = ty * frame.tiles_x + tx;
+      if (ellipse_meets(s, raster::tile_pixels(frame, tile))) visit(tile);
+    }
+  }
+}
+
+}  // namespace
+
+void bin(SplatFrame& frame) {
+  SplatFrame::Scratch& scratch = frame.scratch;
+  const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
+  const std::size_t chunk = chunk_size(frame.splats.size());
+  const std::size_t chunks = (frame.splats.size() + chunk - 1) / chunk;
+  sort_by_depth(frame.splats, scratch);
+  if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
+  scratch.counts.assign(chunks * tiles, 0);
+
+  // Each chunk lists its pairs (splat, tile) and counts them by tile.
+  tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
+    auto& pairs = scratch.bin_chunks[c];
+    std::uint32_t* counts = scratch.counts.data() + c * tiles;
+    pairs.clear();
+    const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);
+    for (std::size_t k = c * chunk; k < end; ++k) {
+      const std::uint32_t i = scratch.order[k];
+      for_each_tile(frame, frame.splats[i], [&](int tile) {
+        pairs.push_back(i);
+        pairs.push_back(static_cast<std::uint32_t>(tile));
+        ++counts[tile];
+      });
+    }
+  });
+
+  // Counts become each chunk's first place in each tile's list.
+  std::uint32_t total = 0;
+  frame.tile_begin.resize(tiles + 1);
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    frame.tile_begin[tile] = total;
+    for (std::size_t c = 0; c < chunks; ++c) {
+      const std::uint32_t n = scratch.counts[c * tiles + tile];
+      scratch.counts[c * tiles + tile] = total;
+      total += n;
+    }
+  }
+  frame.tile_begin[tiles] = total;
+  frame.instances.resize(total);
+  tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
+    std::uint32_t* next = scratch.counts.data() + c * tiles;
+    const auto& pairs = scratch.bin_chunks[c];
+    for (std::size_t k = 0; k < pairs.size(); k += 2)
+      frame.instances[next[pairs[k + 1]]++] = pairs[k];
+  });
+}
+
+}  // namespace stgs

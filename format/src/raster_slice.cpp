@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slice at t: motion, visibility, culling, projection and colour of each primitive.
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "raster_internal.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/sh.h"
+
+namespace stgs {
+namespace {
+
+using namespace math;
+
+// Primitives a block: the unit of parallel work, and of the order in which results are joined.
+constexpr std::size_t kBlock = 1024;
+// ln(1/threshold) and twice it, rounded up: the farthest that anything is drawn, in time and space.
+constexpr float kReachMax = 5.55f;
+
+// What stays the same for all primitives of a call.
+struct View {
+  PinholeCamera camera;
+  Vec3 centre;
+  float t;
+  int coefficients;  // evaluated
+  int stride;        // floats a primitive in set.sh
+};
+
+Vec3 colour_of(const float* sh, int coefficients, Vec3 from_camera) {
+  const float n = 1.0f / std::sqrt(dot3(from_camera, from_camera));
+  const ShBasis basis = sh_basis({from_camera.x * n, from_camera.y * n, from_camera.z * n});
+  Vec3 sum{0, 0, 0};
+  for (int k = 0; k < coefficients; ++k) {
+    sum.x += basis.v[k] * sh[3 * k];
+    sum.y += basis.v[k] * sh[3 * k + 1];
+    sum.z += basis.v[k] * sh[3 * k + 2];
+  }
+  return {sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z)};
+}
+
+bool outside(const PinholeCamera& camera, Vec2 mean, Vec2 extent) {
+  return mean.x + extent.x < 0.0f || mean.y + extent.y < 0.0f || mean.x - extent.x > camera.width ||
+         mean.y - extent.y > camera.height;
+}
+
+// Whether a ball around the Gaussian at camera point c projects outside the image: the test that
+// needs one exponential, before the exact one that needs the covariance.
+bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
+  const ProjectionRows rows = projection_rows(camera, c);
+  const float s = std::exp(log_scale_max);
+  // 2.02: twice the largest reach, and one per cent over for rounding.
+  const float q = 2.02f * kReachMax;
+  const Vec2 extent{std::sqrt(q * (s * s * dot3(rows.u, rows.u) + kScreenBlur)),
+                    std::sqrt(q * (s * s * dot3(rows.v, rows.v) + kScreenBlur))};
+  const Vec2 mean{camera.fx * c.x / c.z + camera.cx, camera.fy * c.y / c.z + camera.cy};
+  return outside(camera, mean, extent);
+}
+
+// The splat of primitive i, cheapest tests first; false where it is not visible.
+bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& out) {
+  const float dt = view.t - set.time[i];
+  const float sigma = set.sigma[i], radius = set.radius[i];
+  const float beyond = std::abs(dt) - radius;
+  if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
+  const float* x = &set.position[3 * i];
+  const float* u = &set.velocity[3 * i];
+  const Vec3 position = position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]}, dt);
+  const Vec3 c = to_camera(view.camera, position);
+  if (!(c.z >= view.camera.near_plane)) return false;
+  const float* log_scale = &set.log_scale[3 * i];
+  if (surely_outside(view.camera, c, std::max({log_scale[0], log_scale[1], log_scale[2]})))
+    return false;
+  const float opacity = opacity_of(set.opacity_logit[i]) * visibility(dt, sigma, radius);
+  if (!(opacity >= kAlphaThreshold)) return false;
+
+  const float* r = &set.rotation[4 * i];
+  const Sym3 covariance =
+      covariance_of({r[0], r[1], r[2], r[3]},
+                    {std::exp(log_scale[0]), std::exp(log_scale[1]), std::exp(log_scale[2])});
+  const Projection p = project_gaussian(view.camera, position, covariance);
+  if (!p.visible) return false;
+  // The conic is the covariance's inverse up to a rounding error that grows with its elongation.
+  const float elongation = p.covariance.xx * p.conic.xx;
+  if (!std::isfinite(elongation) || !std::isfinite(p.conic.xy)) return false;
+  const Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
+  const float slack = 1.0f + 1e-6f * (1.0f + elongation);
+  out.extent = {extent.x * slack, extent.y * slack};
+  if (outside(view.camera, p.mean, out.extent)) return false;
+
+  out.mean = p.mean;
+  out.conic = p.conic;
+  out.opacity = opacity;
+  out.depth = p.depth;
+  out.reach = std::log(opacity / kAlphaThreshold);
+  out.colour = colour_of(
+      &set.sh[i * view.stride], view.coefficients,
+      {position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z});
+  return true;
+}
+
+// Slices the `count` primitives index(0) < index(1) < ... and appends the visible ones in order.
+template <typename Index>
+void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, float t,
+                   const PinholeCamera& camera, const RasterSettings& settings,
+                   std::uint32_t id_base, SplatFrame& frame) {
+  const View view{camera, camera_centre(camera), t,
+                  sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
+                  3 * set.sh_coefficients()};
+  const std::size_t blocks = (count + kBlock - 1) / kBlock;
+  auto& found = frame.scratch.slice_blocks;
+  if (found.size() < blocks) found.resize(blocks);
+  tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t b) {
+    found[b].clear();
+    const std::size_t end = std::min(count, (b + 1) * kBlock);
+    Splat splat;
+    for (std::size_t k = b * kBlock; k < end; ++k) {
+      const std::uint32_t i = index(k);
+      if (!make_splat(set, i, view, splat)) continue;
+      splat.id = id_base + i;
+      found[b].push_back(splat);
+    }
+  });
+  std::size_t total = frame.splats.size();
+  for (std::size_t b = 0; b < blocks; ++b) total += found[b].size();
+  frame.splats.reserve(total);
+  for (std::size_t b = 0; b < blocks; ++b)
+    frame.splats.insert(frame.splats.end(), found[b].begin(), found[b].end());
+}
+
+}  // namespace
+
+void slice(const Gaussians4D& set, float t, const PinholeCamera& camera,
+           const RasterSettings& settings, std::uint32_t id_base, SplatFrame& frame) {
+  slice_indexed(
+      set, set.size(), [](std::size_t k) { return static_cast<std::uint32_t>(k); }, t, camera,
+      settings, id_base, frame);
+}
+
+void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, float t,
+           const PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
+           SplatFrame& frame) {
+  slice_indexed(
+      set, candidates.size(), [&](std::size_t k) { return candidates[k]; }, t, camera, settings,
+      id_base, frame);
+}
+
+}  // namespace stgs

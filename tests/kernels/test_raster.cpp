@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "raster_scene.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/raster.h"
+
+using namespace stgs;
+
+namespace {
+
+RasterSettings settings_of(bool scalar) {
+  RasterSettings settings;
+  settings.background = {0.2f, 0.5f, 0.8f};
+  settings.scalar = scalar;
+  return settings;
+}
+
+// Every pixel against every splat of the frame, without tiles, boxes or ellipse tests.
+Image blend_everything(const SplatFrame& frame, const RasterSettings& settings) {
+  std::vector<std::uint32_t> order(frame.splats.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](auto a, auto b) { return frame.splats[a].depth < frame.splats[b].depth; });
+  Image image;
+  image.reshape(frame.width, frame.height, 3);
+  for (int y = 0; y < frame.height; ++y) {
+    for (int x = 0; x < frame.width; ++x) {
+      float left = 1.0f, rgb[3] = {0, 0, 0};
+      for (std::uint32_t i : order) {
+        const Splat& s = frame.splats[i];
+        const float alpha = math::splat_alpha(
+            s.opacity, math::splat_power(s.conic, static_cast<float>(x) + 0.5f - s.mean.x,
+                                         static_cast<float>(y) + 0.5f - s.mean.y));
+        if (alpha == 0.0f) continue;
+        if (left * (1.0f - alpha) < math::kTransmittanceMin) break;
+        rgb[0] += alpha * left * s.colour.x;
+        rgb[1] += alpha * left * s.colour.y;
+        rgb[2] += alpha * left * s.colour.z;
+        left *= 1.0f - alpha;
+      }
+      const float background[3] = {settings.background.x, settings.background.y,
+                                   settings.background.z};
+      for (int c = 0; c < 3; ++c)
+        image.plane(c)[y * frame.width + x] = rgb[c] + left * background[c];
+    }
+  }
+  return image;
+}
+
+}  // namespace
+
+TEST_CASE("tiles change no pixel against blending every splat everywhere") {
+  for (float spread : {0.3f, 1.2f}) {
+    const auto camera = testing::scene_camera(107, 61);
+    const auto set = testing::random_scene(1500, camera, 3, {1, -2.8f, spread});
+    SplatFrame frame;
+    RasterOutput output;
+    render(set, 10.0f, camera, settings_of(true), frame, output);
+    REQUIRE(frame.splats.size() > 500);
+    const Image truth = blend_everything(frame, settings_of(true));
+    CHECK(output.colour.data == truth.data);
+  }
+}
+
+TEST_CASE("tile lists are in depth order, and ids ascend among splats") {
+  const auto camera = testing::scene_camera(200, 120);
+  const auto set = testing::random_scene(3000, camera, 5);
+  SplatFrame frame;
+  begin_frame(camera, frame);
+  slice(set, 10.0f, camera, settings_of(true), 7, frame);
+  bin(frame);
+  REQUIRE(frame.tile_begin.back() == frame.instances.size());
+  REQUIRE(frame.splats.front().id >= 7);
+  for (std::size_t i = 1; i < frame.splats.size(); ++i)
+    REQUIRE(frame.splats[i - 1].id < frame.splats[i].id);
+  for (std::size_t tile = 0; tile + 1 < frame.tile_begin.size(); ++tile) {
+    for (std::uint32_t k = frame.tile_begin[tile] + 1; k < frame.tile_begin[tile + 1]; ++k) {
+      const Splat& a = frame.splats[frame.instances[k - 1]];
+      const Splat& b = frame.splats[frame.instances[k]];
+      REQUIRE((a.depth < b.depth || (a.depth == b.depth && a.id < b.id)));
+    }
+  }
+}
+
+TEST_CASE("a slice of candidates is the slice of the set where the rest is not visible") {
+  const auto camera = testing::scene_camera(200, 120);
+  const auto set = testing::random_scene(3000, camera, 6);
+  SplatFrame all, some;
+  begin_frame(camera, all);
+  slice(set, 4.0f, camera, settings_of(true), 0, all);
+  std::vector<std::uint32_t> candidates;
+  for (const Splat& s : all.splats) candidates.push_back(s.id);
+  begin_frame(camera, some);
+  slice(set, candidates, 4.0f, camera, settings_of(true), 0, some);
+  REQUIRE(some.splats.size() == all.splats.size());
+  CHECK(std::memcmp(some.splats.data(), all.splats.data(), all.splats.size() * sizeof(Splat)) == 0);
+}
+
+TEST_CASE("values that are not numbers, huge or empty draw nothing and harm nothing") {
+  const auto camera = testing::scene_camera(64, 48);
+  auto set = testing::random_scene(8, camera, 9);
+  const float nan = std::nanf(""), inf = INFINITY;
+  set.position[0] = nan;
+  set.log_scale[3] = inf;
+  std::fill_n(&set.rotation[8], 4, 0.0f);
+  set.velocity[9] = inf;
+  set.opacity_logit[4] = nan;
+  set.sigma[5] = nan;
+  set.position[18] = 1e30f;
+  set.log_scale[21] = 60.0f;
+  SplatFrame frame;
+  RasterOutput output;
+  for (bool scalar : {true, false}) render(set, 10.0f, camera, settings_of(scalar), frame, output);
+  for (float v : output.colour.data) REQUIRE(std::isfinite(v));
+  set.resize(0);
+  render(set, 10.0f, camera, settings_of(false), frame, output);
+  CHECK(output.colour.data[0] == 0.2f);
+  CHECK(output.alpha.data[0] == 0.0f);
+  CHECK(output.depth.data[0] == 0.0f);
+}
+
+TEST_CASE("one thread and two draw the same bits") {
+  const auto camera = testing::scene_camera(320, 180);
+  const auto set = testing::random_scene(20000, camera, 11);
+  for (bool scalar : {true, false}) {
+    SplatFrame frame[2];
+    RasterOutput output[2];
+    for (std::size_t threads : {1, 2}) {
+      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+      render(set, 10.0f, camera, settings_of(scalar), frame[threads - 1], output[threads - 1]);
+    }
+    CHECK(frame[0].instances == frame[1].instances);
+    CHECK(output[0].colour.data == output[1].colour.data);
+    CHECK(output[0].depth.data == output[1].depth.data);
+    CHECK(output[0].last == output[1].last);
+  }
+}
