@@ -8,7 +8,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "raster_internal.h"
+#include "stgs/format/raster_tiles.h"
 
 namespace stgs {
 namespace {

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "raster_internal.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
+#include "stgs/format/raster.h"
 
 namespace stgs {
 namespace {
@@ -42,9 +42,10 @@ Vec3 colour_of(const float* sh, int coefficients, Vec3 from_camera) {
   return {sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z)};
 }
 
+// Also true where something is not a number.
 bool outside(const PinholeCamera& camera, Vec2 mean, Vec2 extent) {
-  return mean.x + extent.x < 0.0f || mean.y + extent.y < 0.0f || mean.x - extent.x > camera.width ||
-         mean.y - extent.y > camera.height;
+  return !(mean.x + extent.x >= 0.0f && mean.y + extent.y >= 0.0f &&
+           mean.x - extent.x <= camera.width && mean.y - extent.y <= camera.height);
 }
 
 // Whether a ball around the Gaussian at camera point c projects outside the image: the test that

@@ -22,10 +22,10 @@ STGS_FN float splat_power(Sym2 conic, float dx, float dy) {
   return 0.5f * (conic.xx * dx * dx + conic.yy * dy * dy) + conic.xy * dx * dy;
 }
 
-// Alpha of a splat of opacity O_t at half squared distance `power`; 0 where it is not drawn.
+// Alpha of a splat of opacity O_t at half squared distance `power`; 0 where it is not drawn. A
+// distance below 0 is a rounding error near the centre of an elongated splat, and counts as 0.
 STGS_FN float splat_alpha(float opacity, float power) {
-  if (power < 0.0f) return 0.0f;
-  float alpha = smaller(kAlphaMax, opacity * exp(-power));
+  float alpha = smaller(kAlphaMax, opacity * exp(-larger(0.0f, power)));
   return alpha < kAlphaThreshold ? 0.0f : alpha;
 }
 

@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradients of format/math, in the same subset of C++, CUDA and GLSL. Each function takes the
+// inputs of its forward and the loss's gradient by the forward's output, and returns the gradient
+// by the inputs. The gradient by a symmetric matrix is by its named entries (an off-diagonal entry
+// stands for both places), so it is added to a parameter without factors.
+#ifndef STGS_ENCODER_MATH_GRAD_H
+#define STGS_ENCODER_MATH_GRAD_H
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/project.h"
+#include "stgs/format/math/sh.h"
+
+STGS_MATH_BEGIN
+
+STGS_FN Vec3 vec3_add(Vec3 a, Vec3 b) {
+  return vec3_of(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+STGS_FN Vec3 vec3_scale(Vec3 a, float s) {
+  return vec3_of(a.x * s, a.y * s, a.z * s);
+}
+
+// --- Time (paper eq. 1 and 2) --------------------------------------------------------------------
+
+struct VisibilityGrad {
+  float dt, sigma, radius;
+};
+
+// Of l(t): 0 on the flat top, where l does not change.
+STGS_FN VisibilityGrad visibility_grad(float dt, float sigma, float radius, float grad) {
+  VisibilityGrad g;
+  g.dt = 0.0f;
+  g.sigma = 0.0f;
+  g.radius = 0.0f;
+  float beyond = abs(dt) - radius;
+  if (beyond <= 0.0f) return g;
+  float x = beyond / sigma;
+  float by_beyond = -2.0f * x / sigma * exp(-x * x) * grad;
+  g.dt = dt < 0.0f ? -by_beyond : by_beyond;
+  g.sigma = -x * by_beyond;
+  g.radius = -by_beyond;
+  return g;
+}
+
+// df/dsigma = df/dradius of the modulation f.
+STGS_FN float lifespan_modulation_grad(float sigma, float radius) {
+  float span = sigma + radius;
+  return span * span > 1.0f ? 2.0f * span : 0.0f;
+}
+
+// From the gradient by u = v / f to those by the learnt v and, through f, by sigma and by radius.
+struct VelocityGrad {
+  Vec3 v;
+  float sigma, radius;
+};
+
+STGS_FN VelocityGrad effective_velocity_grad(Vec3 v, float sigma, float radius, Vec3 grad_u) {
+  float inverse = 1.0f / lifespan_modulation(sigma, radius);
+  VelocityGrad g;
+  g.v = vec3_scale(grad_u, inverse);
+  float by_f = -dot3(grad_u, v) * inverse * inverse;
+  g.sigma = by_f * lifespan_modulation_grad(sigma, radius);
+  g.radius = g.sigma;
+  return g;
+}
+
+struct MotionGrad {
+  Vec3 position, u;
+  float dt;
+};
+
+STGS_FN MotionGrad position_at_grad(Vec3 u, float dt, Vec3 grad) {
+  MotionGrad g;
+  g.position = grad;
+  g.u = vec3_scale(grad, dt);
+  g.dt = dot3(grad, u);
+  return g;
+}
+
+// --- Covariance ----------------------------------------------------------------------------------
+
+// Of rotation_of by the quaternion as given, through its normalisation.
+STGS_FN Quat rotation_grad(Quat q, Mat3 d) {
+  float n = 1.0f / sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
+  float w = q.w * n;
+  float x = q.x * n;
+  float y = q.y * n;
+  float z = q.z * n;
+  float gw = 2.0f * (x * (d.zy - d.yz) + y * (d.xz - d.zx) + z * (d.yx - d.xy));
+  float gx =
+      2.0f * (w * (d.zy - d.yz) + y * (d.xy + d.yx) + z * (d.xz + d.zx)) - 4.0f * x * (d.yy + d.zz);
+  float gy =
+      2.0f * (w * (d.xz - d.zx) + x * (d.xy + d.yx) + z * (d.yz + d.zy)) - 4.0f * y * (d.xx + d.zz);
+  float gz =
+      2.0f * (w * (d.yx - d.xy) + x * (d.xz + d.zx) + y * (d.yz + d.zy)) - 4.0f * z * (d.xx + d.yy);
+  float along = gw * w + gx * x + gy * y + gz * z;
+  Quat g;
+  g.w = n * (gw - along * w);
+  g.x = n * (gx - along * x);
+  g.y = n * (gy - along * y);
+  g.z = n * (gz - along * z);
+  return g;
+}
+
+struct CovarianceGrad {
+  Quat rotation;
+  Vec3 scale;  // by the standard deviations; times them, by their logarithms
+};
+
+STGS_FN CovarianceGrad covariance_grad(Quat q, Vec3 s, Sym3 d) {
+  Mat3 r = rotation_of(q);
+  // With the full symmetric G: dR = 2 G R diag(s^2), ds_k = 2 s_k (R' G R)_kk.
+  Sym3 g2;
+  g2.xx = 2.0f * d.xx;
+  g2.xy = d.xy;
+  g2.xz = d.xz;
+  g2.yy = 2.0f * d.yy;
+  g2.yz = d.yz;
+  g2.zz = 2.0f * d.zz;
+  Vec3 cx = vec3_of(r.xx, r.yx, r.zx);
+  Vec3 cy = vec3_of(r.xy, r.yy, r.zy);
+  Vec3 cz = vec3_of(r.xz, r.yz, r.zz);
+  Vec3 gx = sym3_mul(g2, cx);
+  Vec3 gy = sym3_mul(g2, cy);
+  Vec3 gz = sym3_mul(g2, cz);
+  CovarianceGrad g;
+  g.scale = vec3_of(s.x * dot3(cx, gx), s.y * dot3(cy, gy), s.z * dot3(cz, gz));
+  float a = s.x * s.x;
+  float b = s.y * s.y;
+  float c = s.z * s.z;
+  Mat3 dr;
+  dr.xx = a * gx.x;
+  dr.yx = a * gx.y;
+  dr.zx = a * gx.z;
+  dr.xy = b * gy.x;
+  dr.yy = b * gy.y;
+  dr.zy = b * gy.z;
+  dr.xz = c * gz.x;
+  dr.yz = c * gz.y;
+  dr.zz = c * gz.z;
+  g.rotation = rotation_grad(q, dr);
+  return g;
+}
+
+// --- Projection ----------------------------------------------------------------------------------
+
+// Of the inverse of a symmetric 2x2 matrix, from the inverse itself.
+STGS_FN Sym2 inverse_grad(Sym2 inverse, Sym2 d) {
+  float a = inverse.xx;
+  float b = inverse.xy;
+  float c = inverse.yy;
+  float h = 0.5f * d.xy;
+  Sym2 g;
+  g.xx = -(a * a * d.xx + 2.0f * a * b * h + b * b * d.yy);
+  g.xy = -2.0f * (a * b * d.xx + (a * c + b * b) * h + b * c * d.yy);
+  g.yy = -(b * b * d.xx + 2.0f * b * c * h + c * c * d.yy);
+  return g;
+}
+
+// Of projection_rows by the camera point: none through x/z or y/z where the forward clamps it.
+STGS_FN Vec3 projection_rows_grad(PinholeCamera camera, Vec3 c, Vec3 du, Vec3 dv) {
+  float iz = 1.0f / c.z;
+  float x = c.x * iz;
+  float y = c.y * iz;
+  float mx = kFrustumMargin * camera.width;
+  float my = kFrustumMargin * camera.height;
+  float tx = clamped(x, (-mx - camera.cx) / camera.fx, (camera.width + mx - camera.cx) / camera.fx);
+  float ty =
+      clamped(y, (-my - camera.cy) / camera.fy, (camera.height + my - camera.cy) / camera.fy);
+  Mat3 w = camera.rotation;
+  Vec3 wz = vec3_of(w.zx, w.zy, w.zz);
+  Vec3 u = vec3_of(w.xx - tx * w.zx, w.xy - tx * w.zy, w.xz - tx * w.zz);
+  Vec3 v = vec3_of(w.yx - ty * w.zx, w.yy - ty * w.zy, w.yz - ty * w.zz);
+  float by_x = tx == x ? -camera.fx * iz * dot3(du, wz) : 0.0f;
+  float by_y = ty == y ? -camera.fy * iz * dot3(dv, wz) : 0.0f;
+  float by_iz = camera.fx * dot3(du, u) + camera.fy * dot3(dv, v) + by_x * c.x + by_y * c.y;
+  return vec3_of(by_x * iz, by_y * iz, -by_iz * iz * iz);
+}
+
+struct ProjectionGrad {
+  Vec3 position;    // by the world mean
+  Sym3 covariance;  // by the world covariance
+};
+
+// Of project_gaussian's mean and conic, for a Gaussian that it called visible.
+STGS_FN ProjectionGrad project_gaussian_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
+                                             Sym2 conic, Vec2 grad_mean, Sym2 grad_conic) {
+  Vec3 c = to_camera(camera, mean);
+  ProjectionRows j = projection_rows(camera, c);
+  Sym2 d = inverse_grad(conic, grad_conic);
+  Vec3 su = sym3_mul(covariance, j.u);
+  Vec3 sv = sym3_mul(covariance, j.v);
+  Vec3 du = vec3_add(vec3_scale(su, 2.0f * d.xx), vec3_scale(sv, d.xy));
+  Vec3 dv = vec3_add(vec3_scale(sv, 2.0f * d.yy), vec3_scale(su, d.xy));
+  Vec3 by_c = projection_rows_grad(camera, c, du, dv);
+  float iz = 1.0f / c.z;
+  float mx = grad_mean.x * camera.fx * iz;
+  float my = grad_mean.y * camera.fy * iz;
+  by_c = vec3_add(by_c, vec3_of(mx, my, -(mx * c.x + my * c.y) * iz));
+  ProjectionGrad g;
+  g.position = mat3_transpose_mul(camera.rotation, by_c);
+  g.covariance.xx = d.xx * j.u.x * j.u.x + d.xy * j.u.x * j.v.x + d.yy * j.v.x * j.v.x;
+  g.covariance.yy = d.xx * j.u.y * j.u.y + d.xy * j.u.y * j.v.y + d.yy * j.v.y * j.v.y;
+  g.covariance.zz = d.xx * j.u.z * j.u.z + d.xy * j.u.z * j.v.z + d.yy * j.v.z * j.v.z;
+  g.covariance.xy = 2.0f * d.xx * j.u.x * j.u.y + d.xy * (j.u.x * j.v.y + j.u.y * j.v.x) +
+                    2.0f * d.yy * j.v.x * j.v.y;
+  g.covariance.xz = 2.0f * d.xx * j.u.x * j.u.z + d.xy * (j.u.x * j.v.z + j.u.z * j.v.x) +
+                    2.0f * d.yy * j.v.x * j.v.z;
+  g.covariance.yz = 2.0f * d.xx * j.u.y * j.u.z + d.xy * (j.u.y * j.v.z + j.u.z * j.v.y) +
+                    2.0f * d.yy * j.v.y * j.v.z;
+  return g;
+}
+
+// --- Colour --------------------------------------------------------------------------------------
+
+// Of sum_k g.v[k] basis.v[k] by the direction d, its three entries taken as independent.
+STGS_FN Vec3 sh_basis_grad(Vec3 d, ShBasis g) {
+  float x = d.x;
+  float y = d.y;
+  float z = d.z;
+  float xx = x * x;
+  float yy = y * y;
+  float zz = z * z;
+  float k1 = 0.4886025119029199f;
+  float k2 = 1.0925484305920792f;
+  float k20 = 0.31539156525252005f;
+  float k33 = 0.5900435899266435f;
+  float k32 = 2.890611442640554f;
+  float k31 = 0.4570457994644658f;
+  float k30 = 0.3731763325901154f;
+  float r31 = 4.0f * zz - xx - yy;
+  Vec3 s;
+  s.x = -k1 * g.v[3] + k2 * (y * g.v[4] - z * g.v[7] + x * g.v[8]) - 2.0f * k20 * x * g.v[6] -
+        6.0f * k33 * x * y * g.v[9] + k32 * (y * z * g.v[10] + x * z * g.v[14]) +
+        k31 * (2.0f * x * y * g.v[11] + (2.0f * xx - r31) * g.v[13]) -
+        6.0f * k30 * x * z * g.v[12] - 3.0f * k33 * (xx - yy) * g.v[15];
+  s.y = -k1 * g.v[1] + k2 * (x * g.v[4] - z * g.v[5] - y * g.v[8]) - 2.0f * k20 * y * g.v[6] -
+        3.0f * k33 * (xx - yy) * g.v[9] + k32 * (x * z * g.v[10] - y * z * g.v[14]) +
+        k31 * ((2.0f * yy - r31) * g.v[11] + 2.0f * x * y * g.v[13]) -
+        6.0f * k30 * y * z * g.v[12] + 6.0f * k33 * x * y * g.v[15];
+  s.z = k1 * g.v[2] - k2 * (y * g.v[5] + x * g.v[7]) + 4.0f * k20 * z * g.v[6] +
+        k32 * (x * y * g.v[10] + 0.5f * (xx - yy) * g.v[14]) -
+        8.0f * k31 * z * (y * g.v[11] + x * g.v[13]) + 3.0f * k30 * (2.0f * zz - xx - yy) * g.v[12];
+  return s;
+}
+
+// Of v / |v| by v, from n = v / |v| and 1 / |v|.
+STGS_FN Vec3 normalise_grad(Vec3 n, float inverse_length, Vec3 grad) {
+  float along = dot3(n, grad);
+  return vec3_of((grad.x - along * n.x) * inverse_length, (grad.y - along * n.y) * inverse_length,
+                 (grad.z - along * n.z) * inverse_length);
+}
+
+// d sh_colour / d sum.
+STGS_FN float sh_colour_grad(float sum) {
+  return sum + 0.5f > 0.0f ? 1.0f : 0.0f;
+}
+
+// --- Alpha ---------------------------------------------------------------------------------------
+
+// d opacity_of / d logit, from the opacity itself.
+STGS_FN float opacity_grad(float opacity) {
+  return opacity * (1.0f - opacity);
+}
+
+struct AlphaGrad {
+  float opacity, power;
+};
+
+// Of splat_alpha where it is drawn: none where it is cut at kAlphaMax.
+STGS_FN AlphaGrad splat_alpha_grad(float opacity, float power, float grad) {
+  float falloff = exp(-larger(0.0f, power));
+  AlphaGrad g;
+  g.opacity = 0.0f;
+  g.power = 0.0f;
+  if (opacity * falloff > kAlphaMax) return g;
+  g.opacity = falloff * grad;
+  g.power = -opacity * falloff * grad;
+  return g;
+}
+
+struct PowerGrad {
+  Vec2 offset;
+  Sym2 conic;
+};
+
+// Of splat_power by the pixel's offset from the mean (the mean's gradient is its negative).
+STGS_FN PowerGrad splat_power_grad(Sym2 conic, float dx, float dy, float grad) {
+  PowerGrad g;
+  g.offset =
+      vec2_of((conic.xx * dx + conic.xy * dy) * grad, (conic.xy * dx + conic.yy * dy) * grad);
+  g.conic.xx = 0.5f * dx * dx * grad;
+  g.conic.xy = dx * dy * grad;
+  g.conic.yy = 0.5f * dy * dy * grad;
+  return g;
+}
+
+STGS_MATH_END
+
+#endif

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cpu/blend_backward.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "backend/cpu/blend_backward_kernels.h"
+#include "math/grad.h"
+#include "stgs/format/raster_tiles.h"
+
+namespace stgs::encoder::cpu {
+namespace {
+
+// Splats a block of the reduction.
+constexpr std::size_t kBlock = 1024;
+
+void add(SplatGradients& a, const SplatGradients& b) {
+  a.mean.x += b.mean.x;
+  a.mean.y += b.mean.y;
+  a.conic.xx += b.conic.xx;
+  a.conic.xy += b.conic.xy;
+  a.conic.yy += b.conic.yy;
+  a.colour.x += b.colour.x;
+  a.colour.y += b.colour.y;
+  a.colour.z += b.colour.z;
+  a.opacity += b.opacity;
+  a.abs_mean.x += b.abs_mean.x;
+  a.abs_mean.y += b.abs_mean.y;
+  a.error += b.error;
+  a.weight += b.weight;
+}
+
+// Lists each splat's entries of frame.instances, in ascending order.
+void list_by_splat(const SplatFrame& frame, BlendBackwardScratch& scratch) {
+  auto& begin = scratch.splat_begin;
+  begin.assign(frame.splats.size() + 2, 0);
+  scratch.of_splat.resize(frame.instances.size());
+  // Shifted by two, so that after dealing begin[s] is the first entry of s.
+  for (std::uint32_t s : frame.instances) ++begin[s + 2];
+  for (std::size_t s = 2; s < begin.size(); ++s) begin[s] += begin[s - 1];
+  for (std::uint32_t k = 0; k < frame.instances.size(); ++k)
+    scratch.of_splat[begin[frame.instances[k] + 1]++] = k;
+}
+
+}  // namespace
+
+void blend_backward_tile_scalar(const TileBackward& t) {
+  using namespace math;
+  const raster::PixelBox box = raster::tile_pixels(t.frame, t.tile);
+  const std::uint32_t first = t.frame.tile_begin[t.tile];
+  std::fill_n(t.out, t.frame.tile_begin[t.tile + 1] - first, SplatGradients{});
+  for (int y = box.y0; y < box.y1; ++y) {
+    for (int x = box.x0; x < box.x1; ++x) {
+      const std::size_t p = static_cast<std::size_t>(y) * t.frame.width + x;
+      const Vec3 d = {t.d_colour.plane(0)[p], t.d_colour.plane(1)[p], t.d_colour.plane(2)[p]};
+      const float error = t.error ? t.error->data[p] : 0.0f;
+      float transmittance = t.forward.transmittance.data[p];
+      // dL/dcolour . (what is seen behind the splat).
+      float behind = dot3(d, t.settings.background);
+      for (std::uint32_t k = t.forward.last[p]; k-- > 0;) {
+        const Splat& s = t.frame.splats[t.frame.instances[first + k]];
+        const float dx = static_cast<float>(x) + 0.5f - s.mean.x;
+        const float dy = static_cast<float>(y) + 0.5f - s.mean.y;
+        const float power = splat_power(s.conic, dx, dy);
+        const float alpha = splat_alpha(s.opacity, power);
+        if (alpha == 0.0f) continue;
+        transmittance /= 1.0f - alpha;
+        const float weight = alpha * transmittance;
+        const float own = dot3(d, s.colour);
+        const AlphaGrad by = splat_alpha_grad(s.opacity, power, transmittance * (own - behind));
+        const PowerGrad g = splat_power_grad(s.conic, dx, dy, by.power);
+        behind += alpha * (own - behind);
+        add(t.out[k], {{-g.offset.x, -g.offset.y},
+                       g.conic,
+                       vec3_scale(d, weight),
+                       by.opacity,
+                       {std::abs(g.offset.x), std::abs(g.offset.y)},
+                       weight * error,
+                       weight});
+      }
+    }
+  }
+}
+
+void blend_backward(const SplatFrame& frame, const RasterSettings& settings,
+                    const RasterOutput& forward, const Image& d_colour, const Image* error,
+                    BlendBackwardScratch& scratch, std::vector<SplatGradients>& out) {
+  scratch.instances.resize(frame.instances.size());
+  tbb::parallel_for(0, frame.tiles_x * frame.tiles_y, [&](int tile) {
+    SplatGradients* entries = scratch.instances.data() + frame.tile_begin[tile];
+    blend_backward_tile_scalar({frame, settings, forward, d_colour, error, tile, entries});
+  });
+  list_by_splat(frame, scratch);
+  out.resize(frame.splats.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, out.size(), kBlock),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
+                        SplatGradients sum{};
+                        for (std::uint32_t k = scratch.splat_begin[s];
+                             k < scratch.splat_begin[s + 1]; ++k)
+                          add(sum, scratch.instances[scratch.of_splat[k]]);
+                        out[s] = sum;
+                      }
+                    });
+}
+
+}  // namespace stgs::encoder::cpu

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cpu/project_backward.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "math/grad.h"
+
+namespace stgs::encoder::cpu {
+namespace {
+
+using namespace math;
+
+// Splats a block of parallel work.
+constexpr std::size_t kBlock = 512;
+
+struct View {
+  PinholeCamera camera;
+  Vec3 centre;
+  float t;
+  int coefficients;  // evaluated
+  int stride;        // floats a primitive in set.sh
+};
+
+Vec3 read3(const std::vector<float>& array, std::size_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+
+void write3(std::vector<float>& array, std::size_t i, Vec3 v) {
+  array[3 * i] = v.x;
+  array[3 * i + 1] = v.y;
+  array[3 * i + 2] = v.z;
+}
+
+// Writes the gradient by the coefficients; returns the one by the position seen.
+Vec3 colour_backward(const float* sh, const View& view, Vec3 from_camera, Vec3 colour, Vec3 grad,
+                     float* by_sh) {
+  // A channel that the forward clamps at 0 is 0, and passes nothing.
+  if (!(colour.x > 0.0f)) grad.x = 0.0f;
+  if (!(colour.y > 0.0f)) grad.y = 0.0f;
+  if (!(colour.z > 0.0f)) grad.z = 0.0f;
+  const float inverse_length = 1.0f / std::sqrt(dot3(from_camera, from_camera));
+  const Vec3 direction = vec3_scale(from_camera, inverse_length);
+  const ShBasis basis = sh_basis(direction);
+  ShBasis by_basis{};
+  for (int k = 0; k < view.coefficients; ++k) {
+    by_sh[3 * k] = basis.v[k] * grad.x;
+    by_sh[3 * k + 1] = basis.v[k] * grad.y;
+    by_sh[3 * k + 2] = basis.v[k] * grad.z;
+    by_basis.v[k] = sh[3 * k] * grad.x + sh[3 * k + 1] * grad.y + sh[3 * k + 2] * grad.z;
+  }
+  if (view.coefficients == 1) return {0.0f, 0.0f, 0.0f};
+  return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
+}
+
+void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat,
+                    const SplatGradients& grad, std::size_t s, PrimitiveGradients& out) {
+  const std::size_t i = splat.id;
+  const float dt = view.t - set.time[i];
+  const Vec3 u = read3(set.velocity, i);
+  const Vec3 position = position_at(read3(set.position, i), u, dt);
+  const Vec3 log_scale = read3(set.log_scale, i);
+  const Vec3 scale{std::exp(log_scale.x), std::exp(log_scale.y), std::exp(log_scale.z)};
+  const float* r = &set.rotation[4 * i];
+  const Quat rotation{r[0], r[1], r[2], r[3]};
+
+  const ProjectionGrad by_projection = project_gaussian_grad(
+      view.camera, position, covariance_of(rotation, scale), splat.conic, grad.mean, grad.conic);
+  const CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
+  const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
+                         position.z - view.centre.z};
+  const Vec3 by_colour = colour_backward(&set.sh[i * view.stride], view, from_camera, splat.colour,
+                                         grad.colour, &out.sh[s * 3 * view.coefficients]);
+  const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
+  const float opacity = opacity_of(set.opacity_logit[i]);
+  const VisibilityGrad by_visibility =
+      visibility_grad(dt, set.sigma[i], set.radius[i], grad.opacity * opacity);
+
+  write3(out.position, s, by_motion.position);
+  write3(out.velocity, s, by_motion.u);
+  write3(out.log_scale, s,
+         {by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
+          by_covariance.scale.z * scale.z});
+  out.rotation[4 * s] = by_covariance.rotation.w;
+  out.rotation[4 * s + 1] = by_covariance.rotation.x;
+  out.rotation[4 * s + 2] = by_covariance.rotation.y;
+  out.rotation[4 * s + 3] = by_covariance.rotation.z;
+  // O_t = O l, so O_t / O is l where O does not vanish; a drawn splat has O >= threshold.
+  out.opacity_logit[s] = grad.opacity * (splat.opacity / opacity) * opacity_grad(opacity);
+  out.time[s] = -(by_motion.dt + by_visibility.dt);
+  out.sigma[s] = by_visibility.sigma;
+  out.radius[s] = by_visibility.radius;
+}
+
+}  // namespace
+
+void PrimitiveGradients::resize(std::size_t splats, int coefficients) {
+  sh_coefficients = coefficients;
+  for (auto* array : {&position, &log_scale, &velocity}) array->resize(3 * splats);
+  rotation.resize(4 * splats);
+  sh.resize(splats * 3 * static_cast<std::size_t>(coefficients));
+  for (auto* array : {&opacity_logit, &time, &sigma, &radius}) array->resize(splats);
+}
+
+void project_backward(const Gaussians4D& set, float t, const PinholeCamera& camera,
+                      const RasterSettings& settings, const SplatFrame& frame,
+                      const std::vector<SplatGradients>& splats, PrimitiveGradients& out) {
+  const View view{camera, camera_centre(camera), t,
+                  math::sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
+                  3 * set.sh_coefficients()};
+  out.resize(frame.splats.size(), view.coefficients);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame.splats.size(), kBlock),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t s = range.begin(); s < range.end(); ++s)
+                        splat_backward(set, view, frame.splats[s], splats[s], s, out);
+                    });
+}
+
+void modulation_backward(const Gaussians4D& set, const std::vector<float>& velocity,
+                         const SplatFrame& frame, PrimitiveGradients& out) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame.splats.size(), kBlock),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
+                        const std::size_t i = frame.splats[s].id;
+                        const VelocityGrad g =
+                            effective_velocity_grad(read3(velocity, i), set.sigma[i], set.radius[i],
+                                                    read3(out.velocity, s));
+                        write3(out.velocity, s, g.v);
+                        out.sigma[s] += g.sigma;
+                        out.radius[s] += g.radius;
+                      }
+                    });
+}
+
+}  // namespace stgs::encoder::cpu

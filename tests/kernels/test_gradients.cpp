@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every parameter's gradient against central differences through the reference forward.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <functional>
+#include <random>
+
+#include "backend/cpu/blend_backward.h"
+#include "backend/cpu/project_backward.h"
+#include "raster_scene.h"
+#include "stgs/format/math/lifespan.h"
+
+using namespace stgs;
+using namespace stgs::encoder::cpu;
+
+namespace {
+
+// What a trainer learns: the set, with v in place of u = v / f.
+struct Model {
+  Gaussians4D set;
+  std::vector<float> v;
+
+  void derive() {
+    for (std::size_t i = 0; i < set.size(); ++i) {
+      const float f = math::lifespan_modulation(set.sigma[i], set.radius[i]);
+      for (int k = 0; k < 3; ++k) set.velocity[3 * i + k] = v[3 * i + k] / f;
+    }
+  }
+};
+
+struct Problem {
+  math::PinholeCamera camera = testing::scene_camera(43, 29);
+  RasterSettings settings;
+  float t = 10.0f;
+  Model model;
+  Image weights;  // the loss is their product with the picture, summed
+  SplatFrame frame;
+  RasterOutput output;
+
+  double loss() {
+    model.derive();
+    render(model.set, t, camera, settings, frame, output);
+    double sum = 0;
+    for (std::size_t k = 0; k < weights.data.size(); ++k)
+      sum += static_cast<double>(weights.data[k]) * output.colour.data[k];
+    return sum;
+  }
+};
+
+// Puts primitive i at a point of the camera's space.
+void place(Problem& p, std::size_t i, math::Vec3 c) {
+  const math::Vec3 x = math::mat3_transpose_mul(
+      p.camera.rotation,
+      {c.x - p.camera.translation.x, c.y - p.camera.translation.y, c.z - p.camera.translation.z});
+  p.model.set.position[3 * i] = x.x;
+  p.model.set.position[3 * i + 1] = x.y;
+  p.model.set.position[3 * i + 2] = x.z;
+}
+
+// Few splats, each larger than the picture, so that no pixel crosses the alpha threshold under a
+// small step; the threshold is a jump that no gradient describes.
+Problem make_problem(unsigned seed) {
+  Problem p;
+  p.settings.scalar = true;
+  p.settings.background = {0.3f, 0.1f, 0.6f};
+  const std::size_t n = 9;
+  p.model.set = testing::random_scene(n, p.camera, seed, {3, std::log(0.7f), 0.25f});
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  std::normal_distribution<float> normal(0.0f, 1.0f);
+  Gaussians4D& set = p.model.set;
+  for (std::size_t i = 0; i < n; ++i) {
+    set.opacity_logit[i] = -0.8f + uniform(random);
+    for (int k = 0; k < 3; ++k) {
+      set.sh[48 * i + k] = 0.8f + 0.8f * uniform(random);
+      p.model.v.push_back(0.1f * normal(random));
+    }
+    // Quaternions of any length, but long against the step.
+    float* q = &set.rotation[4 * i];
+    const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    const float wanted = 1.0f + uniform(random);
+    for (int k = 0; k < 4; ++k) q[k] *= wanted / length;
+    // One channel below 0, where the clamp stops the gradient.
+    if (i == 2) set.sh[48 * i + 1] = -4.0f;
+    // Half of them on the flat top at t, half in the fall; none near the kink between them.
+    set.sigma[i] = 1.0f + uniform(random);
+    set.radius[i] = 1.0f + uniform(random);
+    const float away = i % 2 ? 0.7f * set.radius[i] : set.radius[i] + 0.6f * set.sigma[i];
+    set.time[i] = p.t + (i % 4 < 2 ? away : -away);
+  }
+  // The same size on screen at every distance, and distances that no step brings out of order. The
+  // first lies outside the frustum's margin, where the projection's slope is clamped.
+  for (std::size_t i = 0; i < n; ++i) {
+    math::Vec3 c = math::to_camera(
+        p.camera, {set.position[3 * i], set.position[3 * i + 1], set.position[3 * i + 2]});
+    const float z = 1.7f + 0.5f * static_cast<float>(i);
+    c = i == 0 ? math::Vec3{-0.85f * z, 0.1f * z, z} : math::Vec3{c.x / c.z * z, c.y / c.z * z, z};
+    place(p, i, c);
+    for (int k = 0; k < 3; ++k) set.log_scale[3 * i + k] += std::log(z);
+  }
+  p.model.v[0] = p.model.v[1] = p.model.v[2] = 0.0f;
+
+  p.weights.reshape(43, 29, 3);
+  for (float& w : p.weights.data) w = normal(random);
+  return p;
+}
+
+// Checks gradient[k] against central differences by values[k]. A gradient agrees within 0.5 % of
+// itself, or of the attribute's root mean square.
+void check(Problem& p, const char* name, std::vector<float>& values,
+           const std::vector<float>& gradient, float step) {
+  REQUIRE(values.size() == gradient.size());
+  double square = 0;
+  for (float g : gradient) square += static_cast<double>(g) * g;
+  const double rms = std::sqrt(square / static_cast<double>(gradient.size()));
+  REQUIRE(rms > 0);
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    const float kept = values[k];
+    values[k] = kept + step;
+    const double high = values[k], above = p.loss();
+    values[k] = kept - step;
+    const double low = values[k], below = p.loss();
+    values[k] = kept;
+    const double numeric = (above - below) / (high - low);
+    INFO(name << "[" << k << "]: analytic " << gradient[k] << ", numeric " << numeric << ", rms "
+              << rms);
+    CHECK(std::abs(numeric - gradient[k]) <=
+          5e-3 * std::max({std::abs(numeric), std::abs(static_cast<double>(gradient[k])), rms}));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("gradients of every parameter agree with finite differences") {
+  for (bool scalar : {true, false}) {
+    for (unsigned seed : {1u, 2u, 3u}) {
+      Problem p = make_problem(seed);
+      p.loss();
+      REQUIRE(p.frame.splats.size() == p.model.set.size());
+      RasterSettings settings = p.settings;
+      settings.scalar = scalar;
+      BlendBackwardScratch scratch;
+      std::vector<SplatGradients> splats;
+      PrimitiveGradients g;
+      blend_backward(p.frame, settings, p.output, p.weights, nullptr, scratch, splats);
+      project_backward(p.model.set, p.t, p.camera, settings, p.frame, splats, g);
+      modulation_backward(p.model.set, p.model.v, p.frame, g);
+      Gaussians4D& set = p.model.set;
+      check(p, "position", set.position, g.position, 5e-3f);
+      check(p, "log_scale", set.log_scale, g.log_scale, 8e-3f);
+      check(p, "rotation", set.rotation, g.rotation, 2e-2f);
+      check(p, "opacity_logit", set.opacity_logit, g.opacity_logit, 1e-2f);
+      check(p, "sh", set.sh, g.sh, 1e-2f);
+      check(p, "time", set.time, g.time, 8e-3f);
+      check(p, "velocity", p.model.v, g.velocity, 3e-2f);
+      check(p, "sigma", set.sigma, g.sigma, 8e-3f);
+      check(p, "radius", set.radius, g.radius, 8e-3f);
+    }
+  }
+}
+
+TEST_CASE("harmonics above the degree in use have no gradient, and those below are unchanged") {
+  Problem p = make_problem(4);
+  for (int degree = 0; degree <= 3; ++degree) {
+    p.settings.max_sh_degree = degree;
+    p.loss();
+    BlendBackwardScratch scratch;
+    std::vector<SplatGradients> splats;
+    PrimitiveGradients g;
+    blend_backward(p.frame, p.settings, p.output, p.weights, nullptr, scratch, splats);
+    project_backward(p.model.set, p.t, p.camera, p.settings, p.frame, splats, g);
+    modulation_backward(p.model.set, p.model.v, p.frame, g);
+    const std::size_t used = 3 * static_cast<std::size_t>((degree + 1) * (degree + 1));
+    REQUIRE(g.sh.size() == used * p.model.set.size());
+    std::vector<float> padded(p.model.set.sh.size(), 0.0f);
+    for (std::size_t i = 0; i < p.model.set.size(); ++i)
+      std::copy_n(&g.sh[i * used], used, &padded[i * 48]);
+    check(p, "sh", p.model.set.sh, padded, 1e-2f);
+    check(p, "position", p.model.set.position, g.position, 5e-3f);
+  }
+}
