@@ -86,6 +86,18 @@ Status write_all(int fd, std::span<const std::uint8_t> bytes, const std::string&
   return {};
 }
 
+// Writes to `path` as it stands, created or truncated.
+Status write_to(const std::string& path, std::span<const std::uint8_t> bytes,
+                const std::string& shown) {
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (fd < 0) return io_error("{}: cannot create: {}", shown, std::strerror(errno));
+  Status status = write_all(fd, bytes, shown);
+  if (::close(fd) != 0 && status.ok()) {
+    status = io_error("{}: cannot write: {}", shown, std::strerror(errno));
+  }
+  return status;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
@@ -105,13 +117,14 @@ std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes, std::
 }
 
 Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
-  const std::string temporary = fmt::format("{}.{}.tmp", path, ::getpid());
-  const int fd = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd < 0) return io_error("{}: cannot create: {}", path, std::strerror(errno));
-  Status status = write_all(fd, bytes, path);
-  if (::close(fd) != 0 && status.ok()) {
-    status = io_error("{}: cannot write: {}", path, std::strerror(errno));
+  struct stat info {};
+  if (::stat(path.c_str(), &info) == 0) {
+    if (S_ISDIR(info.st_mode)) return io_error("{}: is a folder, not a file", path);
+    // A device or a pipe takes the bytes itself: a rename would put a file in its place.
+    if (!S_ISREG(info.st_mode)) return write_to(path, bytes, path);
   }
+  const std::string temporary = fmt::format("{}.{}.tmp", path, ::getpid());
+  Status status = write_to(temporary, bytes, path);
   if (status.ok() && std::rename(temporary.c_str(), path.c_str()) != 0) {
     status = io_error("{}: cannot replace: {}", path, std::strerror(errno));
   }

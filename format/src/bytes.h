@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Little-endian fields in memory (spec 1.3).
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace stgs {
+
+// Appends fields to a buffer.
+class ByteWriter {
+ public:
+  void u8(std::uint8_t v) { out_.push_back(v); }
+  void u16(std::uint16_t v) { put(v, 2); }
+  void u32(std::uint32_t v) { put(v, 4); }
+  void u64(std::uint64_t v) { put(v, 8); }
+  void f32(float v) { u32(std::bit_cast<std::uint32_t>(v)); }
+  void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
+  void bytes(std::span<const std::uint8_t> v) { out_.insert(out_.end(), v.begin(), v.end()); }
+  // u32 length, then the bytes.
+  void string(std::string_view v) {
+    u32(static_cast<std::uint32_t>(v.size()));
+    out_.insert(out_.end(), v.begin(), v.end());
+  }
+
+  std::size_t size() const { return out_.size(); }
+  std::span<const std::uint8_t> view() const { return out_; }
+  std::vector<std::uint8_t> take() { return std::move(out_); }
+
+ private:
+  void put(std::uint64_t v, int count) {
+    for (int i = 0; i < count; ++i) out_.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
+  }
+  std::vector<std::uint8_t> out_;
+};
+
+// Takes fields from a buffer. Past the end it returns zeros and ok() turns false for good.
+class ByteReader {
+ public:
+  explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+
+  std::uint8_t u8() { return static_cast<std::uint8_t>(get(1)); }
+  std::uint16_t u16() { return static_cast<std::uint16_t>(get(2)); }
+  std::uint32_t u32() { return static_cast<std::uint32_t>(get(4)); }
+  std::uint64_t u64() { return get(8); }
+  float f32() { return std::bit_cast<float>(u32()); }
+  double f64() { return std::bit_cast<double>(u64()); }
+  std::span<const std::uint8_t> bytes(std::uint64_t count) {
+    if (!ok_ || count > bytes_.size() - at_) {
+      ok_ = false;
+      return {};
+    }
+    const auto out = bytes_.subspan(at_, static_cast<std::size_t>(count));
+    at_ += static_cast<std::size_t>(count);
+    return out;
+  }
+  std::string string() {
+    const auto text = bytes(u32());
+    return {text.begin(), text.end()};
+  }
+
+  bool ok() const { return ok_; }
+  std::size_t position() const { return at_; }
+  std::size_t left() const { return bytes_.size() - at_; }
+
+ private:
+  std::uint64_t get(int count) {
+    std::uint64_t v = 0;
+    const auto field = bytes(static_cast<std::uint64_t>(count));
+    for (std::size_t i = 0; i < field.size(); ++i) v |= std::uint64_t{field[i]} << (8 * i);
+    return v;
+  }
+  std::span<const std::uint8_t> bytes_;
+  std::size_t at_ = 0;
+  bool ok_ = true;
+};
+
+}  // namespace stgs

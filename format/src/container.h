@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// The outer structure of a file: header, records, metadata, index (spec 2 to 5).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "findings.h"
+#include "stgs/format/byte_source.h"
+#include "stgs/format/scene_file.h"
+
+namespace stgs {
+
+// Carriage return, line feed, end-of-file and line feed break under any text conversion (spec 2.1).
+inline constexpr std::array<std::uint8_t, 8> kMagic = {0x89, 'S', 'T', 'G', 0x0D, 0x0A, 0x1A, 0x0A};
+inline constexpr std::uint64_t kHeaderBytes = 40;
+inline constexpr std::uint64_t kRecordHeaderBytes = 32;
+inline constexpr std::uint32_t kCritical = 1;                  // record flag, spec 3.2
+inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
+
+constexpr std::uint32_t tag_of(const char (&text)[5]) {
+  std::uint32_t tag = 0;
+  for (int i = 0; i < 4; ++i) tag |= std::uint32_t(static_cast<unsigned char>(text[i])) << (8 * i);
+  return tag;
+}
+inline constexpr std::uint32_t kMetadataTag = tag_of("META");
+inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
+inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
+
+// XXH3-64, seed 0 (spec 1.5).
+std::uint64_t checksum(std::span<const std::uint8_t> bytes);
+
+struct FileHeader {
+  std::uint16_t major = kFormatMajor, minor = kFormatMinor;
+  std::uint32_t flags = 0;
+  std::uint64_t file_bytes = 0, head_bytes = 0;
+};
+
+struct RecordHeader {
+  std::uint32_t tag = 0, flags = 0;
+  std::uint64_t length = 0, checksum = 0;  // of the payload
+};
+
+// Everything that META holds (spec 4).
+struct FileMetadata {
+  SceneMetadata scene;
+  Profile profile = Profile::kLossless;
+  int sh_degree = 0;
+};
+
+// One INDX entry (spec 5.3).
+struct IndexEntry {
+  std::int16_t level = 0;
+  std::uint16_t layer = 0;
+  std::uint32_t slot = 0;
+  std::uint64_t offset = 0, bytes = 0;  // of the whole SEGM record
+  std::uint32_t primitives = 0;
+};
+
+struct AttributeBytes {
+  std::uint16_t attribute = 0;
+  std::uint64_t bytes = 0;
+};
+
+struct FileIndex {
+  double chunk_ticks = 0;
+  std::uint64_t primitives = 0;
+  std::vector<IndexEntry> entries;
+  std::vector<AttributeBytes> attributes;
+};
+
+// The interval [begin, end) of a segment in ticks (spec 5.4).
+struct Interval {
+  double begin = 0, end = 0;
+};
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, std::uint32_t frames);
+
+std::vector<std::uint8_t> write_header(const FileHeader& header);
+// Header and payload of a critical record.
+std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload);
+std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata);
+std::vector<std::uint8_t> write_index(const FileIndex& index);
+// Bytes of write_index() for so many segments and attributes.
+std::uint64_t index_bytes(std::size_t segments, std::size_t attributes);
+
+// Each parser reports what is wrong and returns whether its result can be used for going on.
+bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
+                  FileHeader& header, Findings& findings);
+// `offset` is where `bytes` begin in the file; `area_end` where the payload must end at the latest.
+bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
+                         std::uint64_t area_end, RecordHeader& header, Findings& findings);
+bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
+                   std::uint64_t offset, Findings& findings);
+bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                    FileMetadata& metadata, Findings& findings);
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                 const FileHeader& header, const FileMetadata& metadata, const ReadLimits& limits,
+                 FileIndex& index, Findings& findings);
+
+// Header, metadata and index of a file.
+struct FileHead {
+  FileHeader header;
+  FileMetadata metadata;
+  FileIndex index;
+};
+// Reads and checks the head (spec 2.3); false where the segments cannot be reached.
+bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+               Findings& findings);
+
+// "META", with bytes that are not printable as dots.
+std::string tag_text(std::uint32_t tag);
+// Floats of a decoded primitive.
+std::uint64_t floats_per_primitive(int sh_degree);
+
+}  // namespace stgs

@@ -1,0 +1,389 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
+#include "bytes.h"
+#include "container.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+// The most bytes that the coders of this version expand one stored byte to (spec 5.5): zstd stores
+// 128 KiB of one value in 4 bytes.
+constexpr std::uint64_t kMaxExpansion = 32768;
+constexpr int kMaxLevel = 30;
+
+bool is_utf8(std::string_view text) {
+  for (std::size_t i = 0; i < text.size();) {
+    const auto lead = static_cast<unsigned char>(text[i]);
+    const std::size_t length = lead < 0x80             ? 1
+                               : (lead & 0xE0) == 0xC0 ? 2
+                               : (lead & 0xF0) == 0xE0 ? 3
+                               : (lead & 0xF8) == 0xF0 ? 4
+                                                       : 0;
+    if (length == 0 || i + length > text.size()) return false;
+    for (std::size_t j = 1; j < length; ++j) {
+      if ((static_cast<unsigned char>(text[i + j]) & 0xC0) != 0x80) return false;
+    }
+    i += length;
+  }
+  return true;
+}
+
+bool all_finite(std::span<const float> values) {
+  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings) {
+  const SceneMetadata& scene = metadata.scene;
+  const bool finite = all_finite(scene.background) && all_finite(scene.bounds_min) &&
+                      all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
+  if (!finite || scene.near_plane < 0.0f) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: background, bounds or near plane is not a finite number >= 0");
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
+      findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
+    }
+  }
+  if (scene.start_camera) {
+    const StartCamera& camera = *scene.start_camera;
+    const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
+    if (!all_finite(camera.rotation) || !all_finite(camera.translation) ||
+        !all_finite(intrinsics) || camera.fx <= 0.0f || camera.fy <= 0.0f) {
+      findings.error(N::kMetadataValue, offset, "metadata: the start camera is not a camera");
+    }
+  }
+  if (!is_utf8(scene.generator) || !is_utf8(scene.title)) {
+    findings.error(N::kMetadataText, offset, "metadata: generator or title is not UTF-8");
+  }
+}
+
+bool check_entry(const IndexEntry& entry, std::size_t i, std::uint64_t offset,
+                 const FileHeader& header, const FileIndex& index, std::uint32_t frames,
+                 std::uint64_t body_at, Findings& findings) {
+  const bool level_ok = entry.level >= -1 && entry.level <= kMaxLevel;
+  if (!level_ok || (entry.level == -1 && entry.slot != 0) ||
+      interval_of(entry.level, entry.slot, index.chunk_ticks, frames).begin >= frames) {
+    findings.error(N::kSegmentInterval, offset,
+                   "index: segment {} (level {}, slot {}) lies outside the timeline", i,
+                   entry.level, entry.slot);
+    return false;
+  }
+  if (entry.bytes < kRecordHeaderBytes || entry.offset < body_at ||
+      entry.offset > header.file_bytes || entry.bytes > header.file_bytes - entry.offset) {
+    findings.error(N::kSegmentRange, offset,
+                   "index: segment {} (bytes {} + {}) overlaps or lies outside the body {} to {}",
+                   i, entry.offset, entry.bytes, body_at, header.file_bytes);
+    return false;
+  }
+  if (entry.primitives == 0 || entry.primitives / kMaxExpansion > entry.bytes) {
+    findings.error(N::kSegmentCount, offset, "index: segment {} claims {} primitives in {} bytes",
+                   i, entry.primitives, entry.bytes);
+    return false;
+  }
+  return true;
+}
+
+// Order of segments in a file: by beginning, the longer first (spec 5.6).
+bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk, std::uint32_t frames) {
+  const double begin_a = interval_of(a.level, a.slot, chunk, frames).begin;
+  const double begin_b = interval_of(b.level, b.slot, chunk, frames).begin;
+  if (begin_a != begin_b) return begin_a < begin_b;
+  const int rank_a = a.level < 0 ? kMaxLevel + 1 : a.level;
+  const int rank_b = b.level < 0 ? kMaxLevel + 1 : b.level;
+  return rank_a > rank_b;
+}
+
+void check_limits(const FileIndex& index, const FileMetadata& metadata, std::uint64_t offset,
+                  const ReadLimits& limits, Findings& findings) {
+  std::uint64_t total = 0;
+  const std::uint64_t bytes = 4 * floats_per_primitive(metadata.sh_degree);
+  for (std::size_t i = 0; i < index.entries.size(); ++i) {
+    const IndexEntry& entry = index.entries[i];
+    total += entry.primitives;
+    if (entry.primitives > limits.max_memory / bytes) {
+      findings.unsupported(N::kMemoryLimit, offset,
+                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
+                           i, entry.primitives * bytes, limits.max_memory);
+    }
+  }
+  if (total != index.primitives) {
+    findings.error(N::kPrimitiveTotal, offset,
+                   "index: the segments hold {} primitives, the total says {}", total,
+                   index.primitives);
+  }
+  if (total > limits.max_primitives) {
+    findings.unsupported(N::kPrimitiveLimit, offset,
+                         "index: {} primitives, more than the limit of {}", total,
+                         limits.max_primitives);
+  }
+}
+
+// Finds META and INDX among the records of the head.
+bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
+               Findings& findings) {
+  bool have_metadata = false, have_index = false;
+  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
+    RecordHeader record;
+    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
+    const std::uint64_t payload_at = at + kRecordHeaderBytes;
+    const auto payload = head.subspan(payload_at, record.length);
+    at = payload_at + record.length;
+    const bool known =
+        (record.tag == kMetadataTag || record.tag == kIndexTag) && (record.flags & ~kCritical) == 0;
+    if (!known) {
+      if ((record.flags & kCritical) != 0) {  // spec 3.4
+        findings.unsupported(N::kUnknownCritical, payload_at - kRecordHeaderBytes,
+                             "record '{}' is needed to read this file and unknown to this version",
+                             tag_text(record.tag));
+      }
+      continue;
+    }
+    if (!check_payload(record, payload, payload_at, findings)) continue;
+    bool& have = record.tag == kMetadataTag ? have_metadata : have_index;
+    if (have) {
+      findings.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
+      continue;
+    }
+    if (record.tag == kMetadataTag) {
+      have = parse_metadata(payload, payload_at, out.metadata, findings);
+    } else if (have_metadata) {
+      have =
+          parse_index(payload, payload_at, out.header, out.metadata, limits, out.index, findings);
+    }
+  }
+  if (!have_metadata || !have_index) {
+    if (findings.ok()) {
+      findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
+                     have_metadata ? "INDX" : "META");
+    }
+    return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::string tag_text(std::uint32_t tag) {
+  std::string text;
+  for (int i = 0; i < 4; ++i) {
+    const auto c = static_cast<char>(tag >> (8 * i) & 0xFF);
+    text.push_back(c >= 0x20 && c < 0x7F ? c : '.');
+  }
+  return text;
+}
+
+std::uint64_t floats_per_primitive(int sh_degree) {
+  return 17 + 3 * static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
+}
+
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, std::uint32_t frames) {
+  if (level < 0) return {0.0, static_cast<double>(frames)};
+  const double half = std::ldexp(chunk_ticks, level - 1);
+  const double begin = slot * half;
+  return {begin, std::min(begin + 2 * half, static_cast<double>(frames))};
+}
+
+bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
+                  FileHeader& header, Findings& findings) {
+  if (bytes.size() < kHeaderBytes) {
+    findings.error(N::kTooShort, 0, "{} bytes are too few for an .stgs file", bytes.size());
+    return false;
+  }
+  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+    const bool text_damage = std::equal(kMagic.begin(), kMagic.begin() + 4, bytes.begin());
+    findings.error(N::kMagic, 0, "{}",
+                   text_damage ? "damaged by a transfer as text: copy the file as binary"
+                               : "not an .stgs file");
+    return false;
+  }
+  ByteReader in(bytes.subspan(kMagic.size()));
+  header.major = in.u16();
+  header.minor = in.u16();
+  header.flags = in.u32();
+  header.file_bytes = in.u64();
+  header.head_bytes = in.u64();
+  const bool intact = in.u64() == checksum(bytes.first(kHeaderBytes - 8));
+  if (!intact) {
+    findings.error(N::kHeaderChecksum, 32, "the file header is damaged (checksum)");
+    return false;
+  }
+  if (header.major != kFormatMajor) {
+    findings.unsupported(N::kMajorVersion, 8, "format version {}.{}; this program reads {}.x",
+                         header.major, header.minor, kFormatMajor);
+    return false;
+  }
+  if ((header.flags & kCriticalHeaderFlags) != 0) {
+    findings.unsupported(N::kHeaderFlags, 12, "header flags {:#x} are unknown to this version",
+                         header.flags & kCriticalHeaderFlags);
+    return false;
+  }
+  if (header.file_bytes != source_bytes) {
+    findings.error(N::kFileSize, 16, "{}: {} bytes instead of {}",
+                   source_bytes < header.file_bytes ? "the file is truncated"
+                                                    : "the file has bytes after its end",
+                   source_bytes, header.file_bytes);
+  }
+  if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
+    findings.error(N::kHeadSize, 24, "the head of {} bytes does not fit the file's {} bytes",
+                   header.head_bytes, header.file_bytes);
+    return false;
+  }
+  return header.head_bytes <= source_bytes;
+}
+
+bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
+                         std::uint64_t area_end, RecordHeader& header, Findings& findings) {
+  if (bytes.size() < kRecordHeaderBytes || area_end - offset < kRecordHeaderBytes) {
+    findings.error(N::kRecordHeader, offset, "a record header is cut off");
+    return false;
+  }
+  ByteReader in(bytes);
+  header.tag = in.u32();
+  header.flags = in.u32();
+  header.length = in.u64();
+  header.checksum = in.u64();
+  if (in.u64() != checksum(bytes.first(kRecordHeaderBytes - 8))) {
+    findings.error(N::kRecordHeader, offset, "the header of record '{}' is damaged (checksum)",
+                   tag_text(header.tag));
+    return false;
+  }
+  if (header.length > area_end - offset - kRecordHeaderBytes) {
+    findings.error(N::kRecordLength, offset, "record '{}' of {} bytes runs past byte {}",
+                   tag_text(header.tag), header.length, area_end);
+    return false;
+  }
+  return true;
+}
+
+bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
+                   std::uint64_t offset, Findings& findings) {
+  if (checksum(payload) == header.checksum) return true;
+  findings.error(N::kRecordChecksum, offset, "record '{}' is damaged (checksum of {} bytes)",
+                 tag_text(header.tag), payload.size());
+  return false;
+}
+
+bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                    FileMetadata& metadata, Findings& findings) {  // spec 4.2
+  ByteReader in(payload);
+  SceneMetadata& scene = metadata.scene;
+  scene.time_base.numerator = in.u32();
+  scene.time_base.denominator = in.u32();
+  scene.frames = in.u32();
+  const std::uint8_t units = in.u8(), axes = in.u8(), colour = in.u8(), harmonics = in.u8();
+  const std::uint16_t profile = in.u16();
+  metadata.sh_degree = in.u16();
+  for (float& v : scene.background) v = in.f32();
+  for (float& v : scene.bounds_min) v = in.f32();
+  for (float& v : scene.bounds_max) v = in.f32();
+  scene.near_plane = in.f32();
+  StartCamera camera;
+  camera.width = in.u32();
+  camera.height = in.u32();
+  for (float& v : camera.rotation) v = in.f32();
+  for (float& v : camera.translation) v = in.f32();
+  for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v = in.f32();
+  scene.generator = in.string();
+  scene.title = in.string();
+  if (!in.ok()) {
+    findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
+    return false;
+  }
+  if (units > 1 || axes != 0 || colour != 0 || harmonics != 0 || profile > 1) {
+    findings.unsupported(N::kMetadataConvention, offset + 12,
+                         "metadata: units {}, axes {}, colour {}, harmonics {}, profile {}: one "
+                         "of them is unknown to this version",
+                         units, axes, colour, harmonics, profile);
+    return false;
+  }
+  scene.metric = units == 1;
+  metadata.profile = static_cast<Profile>(profile);
+  if (camera.width != 0 && camera.height != 0) scene.start_camera = camera;
+  if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
+    findings.error(N::kTimeBase, offset, "metadata: {} frames of {}/{} s", scene.frames,
+                   scene.time_base.numerator, scene.time_base.denominator);
+    return false;
+  }
+  if (metadata.sh_degree > 3) {
+    findings.error(N::kShDegree, offset + 18, "metadata: harmonics of degree {}, not 0 to 3",
+                   metadata.sh_degree);
+    return false;
+  }
+  check_metadata_values(metadata, offset, findings);
+  return true;
+}
+
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                 const FileHeader& header, const FileMetadata& metadata, const ReadLimits& limits,
+                 FileIndex& index, Findings& findings) {  // spec 5.2
+  ByteReader in(payload);
+  index.chunk_ticks = in.f64();
+  index.primitives = in.u64();
+  const std::uint32_t segments = in.u32(), attributes = in.u32();
+  if (!in.ok() || payload.size() < index_bytes(segments, attributes)) {
+    findings.error(N::kIndexLayout, offset, "index: {} bytes are too few for {} segments",
+                   payload.size(), segments);
+    return false;
+  }
+  if (!(index.chunk_ticks > 0.0) || !std::isfinite(index.chunk_ticks)) {
+    findings.error(N::kChunk, offset, "index: a chunk of {} ticks", index.chunk_ticks);
+    return false;
+  }
+  const std::uint32_t frames = metadata.scene.frames;
+  std::uint64_t body_at = header.head_bytes;
+  for (std::uint32_t i = 0; i < segments; ++i) {
+    const std::uint64_t at = offset + in.position();
+    IndexEntry entry;
+    entry.level = static_cast<std::int16_t>(in.u16());
+    entry.layer = in.u16();
+    entry.slot = in.u32();
+    entry.offset = in.u64();
+    entry.bytes = in.u64();
+    entry.primitives = in.u32();
+    if (entry.layer != 0) continue;  // refinements, which the base does without (spec 5.7)
+    if (!check_entry(entry, i, at, header, index, frames, body_at, findings)) return false;
+    if (!index.entries.empty() &&
+        !comes_before(index.entries.back(), entry, index.chunk_ticks, frames)) {
+      findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
+      return false;
+    }
+    body_at = entry.offset + entry.bytes;
+    index.entries.push_back(entry);
+  }
+  for (std::uint32_t i = 0; i < attributes; ++i) {
+    AttributeBytes attribute;
+    attribute.attribute = in.u16();
+    attribute.bytes = in.u64();
+    index.attributes.push_back(attribute);
+  }
+  check_limits(index, metadata, offset, limits, findings);
+  return true;
+}
+
+bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+               Findings& findings) {
+  std::vector<std::uint8_t> bytes(std::min<std::uint64_t>(kHeaderBytes, source.size()));
+  if (Status status = source.read(0, bytes); !status.ok()) {
+    findings.failed_read(0, status);
+    return false;
+  }
+  if (!parse_header(bytes, source.size(), head.header, findings)) return false;
+  if (head.header.head_bytes > limits.max_memory) {
+    findings.unsupported(N::kMemoryLimit, 24, "a head of {} bytes, more than the limit of {}",
+                         head.header.head_bytes, limits.max_memory);
+    return false;
+  }
+  bytes.resize(head.header.head_bytes);
+  if (Status status = source.read(0, bytes); !status.ok()) {
+    findings.failed_read(0, status);
+    return false;
+  }
+  return walk_head(bytes, limits, head, findings);
+}
+
+}  // namespace stgs

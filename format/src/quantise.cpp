@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "quantise.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <numeric>
+
+namespace stgs {
+namespace {
+
+constexpr double kOctavesPerQuality = 1.0 / 12.5;
+constexpr float kLogitLimit = 12.0f;
+constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
+constexpr float kSigmaMax = 1e9f;
+
+std::int64_t nearest(double x, int exponent) {
+  return std::llround(std::ldexp(x, -exponent));
+}
+
+float on_grid(float x, int exponent) {
+  return static_cast<float>(std::ldexp(static_cast<double>(nearest(x, exponent)), exponent));
+}
+
+// The float with its last `shift` mantissa bits rounded away; x >= 0.
+std::uint32_t truncated_bits(float x, int shift) {
+  return (std::bit_cast<std::uint32_t>(x) + (1u << (shift - 1))) >> shift;
+}
+
+float from_truncated(std::uint32_t k, int shift) {
+  return std::bit_cast<float>(k << shift);
+}
+
+// Exponent at which numbers up to `largest` fit `bits` bits.
+int exponent_for(double largest, int bits) {
+  return largest > 0.0 ? static_cast<int>(std::ceil(std::log2(largest))) - bits : -126;
+}
+
+struct Extent {
+  std::array<float, 3> low{}, high{};
+  double largest() const {
+    double out = 0.0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      out = std::max(out, static_cast<double>(high[axis]) - low[axis]);
+    }
+    return out;
+  }
+};
+
+Extent extent_of(const Gaussians4D& set) {
+  Extent out;
+  for (std::size_t i = 0; i < set.position.size(); ++i) {
+    const float x = set.position[i];
+    out.low[i % 3] = i < 3 ? x : std::min(out.low[i % 3], x);
+    out.high[i % 3] = i < 3 ? x : std::max(out.high[i % 3], x);
+  }
+  return out;
+}
+
+// The size that a position's error is measured against: a primitive smaller than three quarters of
+// the set, as the mean of its log-scales.
+double typical_log_scale(const Gaussians4D& set) {
+  if (set.size() == 0) return 0.0;
+  std::vector<float> sizes(set.size());
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    const float* s = set.log_scale.data() + 3 * i;
+    sizes[i] = (s[0] + s[1] + s[2]) / 3.0f;
+  }
+  const auto quarter = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 4);
+  std::nth_element(sizes.begin(), quarter, sizes.end());
+  return *quarter;
+}
+
+// The same Gaussian with its largest component first and positive: half turns about its own axes
+// change nothing that can be seen (spec 8.4).
+std::array<double, 4> canonical(const float* q) {
+  std::array<double, 4> out{q[0], q[1], q[2], q[3]};
+  const std::array<double, 4> p = out;
+  const auto magnitude = [](double a, double b) { return std::abs(a) < std::abs(b); };
+  switch (std::max_element(p.begin(), p.end(), magnitude) - p.begin()) {
+    case 1:
+      out = {-p[1], p[0], p[3], -p[2]};
+      break;
+    case 2:
+      out = {-p[2], -p[3], p[0], p[1]};
+      break;
+    case 3:
+      out = {-p[3], p[2], -p[1], p[0]};
+      break;
+    default:
+      break;
+  }
+  const double length =
+      std::copysign(std::sqrt(std::inner_product(p.begin(), p.end(), p.begin(), 0.0)), out[0]);
+  for (double& c : out) c /= length;
+  return out;
+}
+
+Integers begin(Attribute attribute, Mapping mapping, int exponent, int components, std::size_t n) {
+  Integers out;
+  out.attribute = attribute;
+  out.mapping = mapping;
+  out.exponent = exponent;
+  out.components = components;
+  out.values.resize(n * static_cast<std::size_t>(components));
+  return out;
+}
+
+// Linear with an origin a component where `from_least`, else zero-centred.
+Integers linear(const Gaussians4D& part, Attribute attribute, int exponent, bool from_least) {
+  const int components = components_of(attribute);
+  const std::size_t n = part.size();
+  const AttributeView<const float> view = view_of(part, attribute);
+  Integers out = begin(attribute, Mapping::kLinear, exponent, components, n);
+  for (std::size_t c = 0; c < static_cast<std::size_t>(components); ++c) {
+    std::vector<std::int64_t> k(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      k[i] = std::clamp(nearest(view.data[i * view.stride + c], exponent), -kMaxInteger / 2,
+                        kMaxInteger / 2 - 1);
+    }
+    const std::int64_t least = from_least ? *std::min_element(k.begin(), k.end()) : 0;
+    if (from_least) {
+      out.origin[c] = static_cast<float>(std::ldexp(static_cast<double>(least), exponent));
+    }
+    for (std::size_t i = 0; i < n; ++i) {
+      out.values[c * n + i] = static_cast<std::uint32_t>(k[i] - least);
+    }
+  }
+  return out;
+}
+
+Integers truncated(const Gaussians4D& part, Attribute attribute, int shift, float offset) {
+  const std::size_t n = part.size();
+  const AttributeView<const float> view = view_of(part, attribute);
+  Integers out = begin(attribute, Mapping::kTruncated, shift, 1, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    out.values[i] = truncated_bits(view.data[i] + offset, shift);
+  }
+  const std::uint32_t least = *std::min_element(out.values.begin(), out.values.end());
+  for (std::uint32_t& v : out.values) v -= least;
+  out.origin[0] = from_truncated(least, shift);
+  out.origin[1] = offset;
+  return out;
+}
+
+Integers displacement(const Gaussians4D& part, int exponent, std::uint32_t frames) {
+  const std::size_t n = part.size();
+  Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, exponent, 3, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const int e = exponent - lifespan_exponent(part.sigma[i], part.radius[i], frames);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::int64_t k = nearest(part.velocity[3 * i + c], std::clamp(e, -126, 127));
+      out.values[c * n + i] =
+          static_cast<std::uint32_t>(std::clamp(k, -kMaxInteger / 2, kMaxInteger / 2 - 1));
+    }
+  }
+  return out;
+}
+
+Integers rotation(const Gaussians4D& part, int exponent) {
+  const std::size_t n = part.size();
+  Integers out = begin(Attribute::kRotation, Mapping::kRotation, exponent, 3, n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::array<double, 4> q = canonical(part.rotation.data() + 4 * i);
+    for (std::size_t c = 0; c < 3; ++c) {
+      out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], exponent));
+    }
+  }
+  return out;
+}
+
+// Fills keys and the order of ascending keys.
+Integers position(const Gaussians4D& part, int finest, std::vector<std::uint32_t>& order) {
+  const Extent extent = extent_of(part);
+  Integers out;
+  out.attribute = Attribute::kPosition;
+  out.mapping = Mapping::kLinear;
+  out.components = 3;
+  // One value less than 2^21, because the origin is rounded down.
+  out.exponent = std::max(finest, exponent_for(extent.largest() * 1.000001, kMortonBits));
+  std::array<std::int64_t, 3> least{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    least[axis] = nearest(extent.low[axis], out.exponent);
+    out.origin[axis] =
+        static_cast<float>(std::ldexp(static_cast<double>(least[axis]), out.exponent));
+  }
+  const std::size_t n = part.size();
+  std::vector<std::uint64_t> keys(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    std::array<std::uint32_t, 3> q{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double from_origin =
+          static_cast<double>(part.position[3 * i + axis]) - out.origin[axis];
+      q[axis] = static_cast<std::uint32_t>(
+          std::clamp<std::int64_t>(nearest(from_origin, out.exponent), 0, (1 << kMortonBits) - 1));
+    }
+    keys[i] = morton_key(q[0], q[1], q[2]);
+  }
+  order.resize(n);
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&keys](std::uint32_t a, std::uint32_t b) {
+    return keys[a] != keys[b] ? keys[a] < keys[b] : a < b;
+  });
+  for (std::uint32_t i : order) out.morton.push_back(keys[i]);
+  return out;
+}
+
+}  // namespace
+
+Quantiser::Quantiser(const Gaussians4D& set, std::uint32_t frames, int quality) : frames_(frames) {
+  const double coarser = (85 - quality) * kOctavesPerQuality;
+  // The fractions spread the attributes' doublings over the range of qualities.
+  const auto exponent = [coarser](double at_85) {
+    return static_cast<int>(std::floor(at_85 + coarser));
+  };
+  const double size = typical_log_scale(set) / std::log(2.0);
+  coarsest_position_ = exponent_for(extent_of(set).largest() * 1.000001, kMortonBits);
+  steps_.position = std::clamp(exponent(size - 2.5), -100, 100);
+  steps_.displacement = steps_.position;
+  double latest = frames;
+  for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
+  steps_.time = std::max(exponent(-4.0 + 0.2), exponent_for(latest * 1.000001, 23));
+  steps_.lifespan_shift = std::clamp(exponent(19.0 + 0.4), 16, 22);
+  steps_.log_scale = exponent(-4.0 + 0.6);
+  steps_.rotation = std::clamp(exponent(-8.0 + 0.8), -12, -4);
+  steps_.opacity = exponent(-4.0 + 0.1);
+  steps_.sh[0] = exponent(-6.0 + 0.3);
+  steps_.sh[1] = exponent(-4.0 + 0.5);
+  steps_.sh[2] = exponent(-4.0 + 0.7);
+  steps_.sh[3] = exponent(-4.0 + 0.9);
+}
+
+Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set) const {
+  Gaussians4D out = set;
+  const int shift = steps_.lifespan_shift;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out.time[i] = on_grid(out.time[i], steps_.time);
+    out.opacity_logit[i] =
+        on_grid(std::clamp(out.opacity_logit[i], -kLogitLimit, kLogitLimit), steps_.opacity);
+    const float sigma = std::clamp(out.sigma[i], kSigmaMin, kSigmaMax);
+    out.sigma[i] = from_truncated(truncated_bits(sigma, shift), shift);
+    const float radius = std::min(out.radius[i], kSigmaMax);
+    out.radius[i] = from_truncated(truncated_bits(radius + 1.0f, shift), shift) - 1.0f;
+  }
+  return out;
+}
+
+std::vector<Integers> Quantiser::quantise(const Gaussians4D& part) const {
+  std::vector<std::uint32_t> order;
+  std::vector<Integers> out;
+  out.push_back(position(part, steps_.position, order));
+  const Gaussians4D sorted = part.gather(order);
+  out.push_back(linear(sorted, Attribute::kTime, steps_.time, true));
+  out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
+  out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
+  out.push_back(displacement(sorted, steps_.displacement, frames_));
+  out.push_back(linear(sorted, Attribute::kLogScale, steps_.log_scale, true));
+  out.push_back(rotation(sorted, steps_.rotation));
+  out.push_back(linear(sorted, Attribute::kOpacity, steps_.opacity, true));
+  for (int band = 0; band <= part.sh_degree; ++band) {
+    const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
+    out.push_back(linear(sorted, attribute, steps_.sh[band], false));
+  }
+  return out;
+}
+
+float Quantiser::position_step() const {
+  return std::ldexp(1.0f, std::max(steps_.position, coarsest_position_));
+}
+
+}  // namespace stgs

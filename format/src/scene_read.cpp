@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <exception>
+
+#include "segment.h"
+
+namespace stgs {
+namespace {
+
+std::vector<SegmentInfo> segments_from(const FileHead& head) {
+  std::vector<SegmentInfo> out;
+  for (const IndexEntry& entry : head.index.entries) {
+    const Interval interval =
+        interval_of(entry.level, entry.slot, head.index.chunk_ticks, head.metadata.scene.frames);
+    out.push_back(
+        {entry.level, interval.begin, interval.end, entry.primitives, entry.offset, entry.bytes});
+  }
+  return out;
+}
+
+class Reader final : public SceneReader {
+ public:
+  Reader(std::unique_ptr<ByteSource> source, FileHead head)
+      : source_(std::move(source)), head_(std::move(head)), segments_(segments_from(head_)) {}
+
+  const SceneMetadata& metadata() const override { return head_.metadata.scene; }
+  Profile profile() const override { return head_.metadata.profile; }
+  std::uint16_t version_major() const override { return head_.header.major; }
+  std::uint16_t version_minor() const override { return head_.header.minor; }
+  int sh_degree() const override { return head_.metadata.sh_degree; }
+  std::uint64_t primitives() const override { return head_.index.primitives; }
+  std::uint64_t file_bytes() const override { return head_.header.file_bytes; }
+  const std::vector<SegmentInfo>& segments() const override { return segments_; }
+
+  std::vector<StreamInfo> streams() const override {
+    std::vector<StreamInfo> out;
+    for (Attribute attribute : attributes_of(sh_degree())) {
+      StreamInfo info{name_of(attribute), 0,
+                      primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute))};
+      for (const AttributeBytes& row : head_.index.attributes) {
+        if (row.attribute == static_cast<std::uint16_t>(attribute)) info.bytes += row.bytes;
+      }
+      out.push_back(std::move(info));
+    }
+    return out;
+  }
+
+  std::vector<std::uint32_t> segments_between(double t0, double t1) const override {
+    const double frames = metadata().frames;
+    std::vector<std::uint32_t> out;
+    if (!(t0 <= t1)) return out;
+    const double first = std::clamp(t0, 0.0, frames), last = std::clamp(t1, 0.0, frames);
+    for (std::uint32_t i = 0; i < segments_.size(); ++i) {
+      const SegmentInfo& segment = segments_[i];
+      // The end of the timeline belongs to the segments that reach it (spec 5.4).
+      const bool ends_after = first < segment.end_ticks || segment.end_ticks >= frames;
+      if (segment.begin_ticks <= last && ends_after) out.push_back(i);
+    }
+    return out;
+  }
+
+  Result<Gaussians4D> decode(std::uint32_t segment) const override {
+    if (segment >= segments_.size()) {
+      return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
+                         segments_.size());
+    }
+    try {
+      Findings findings;
+      std::vector<LocatedStream> streams;
+      std::vector<std::uint8_t> record;
+      Gaussians4D set;
+      if (read_segment(*source_, head_, segment, streams, record, findings) && findings.ok()) {
+        decode_streams(streams, segment, segments_[segment].primitives, head_.metadata, set,
+                       findings);
+      }
+      if (!findings.ok()) return findings.status(source_->name());
+      return set;
+    } catch (const std::exception& e) {
+      return runtime_error("{}: segment {}: {}", source_->name(), segment, e.what());
+    }
+  }
+
+ private:
+  std::unique_ptr<ByteSource> source_;
+  FileHead head_;
+  std::vector<SegmentInfo> segments_;
+};
+
+// Copies `part` into `whole` from primitive `first` on.
+void place_part(const Gaussians4D& part, std::size_t first, Gaussians4D& whole) {
+  const auto copy = [first](const std::vector<float>& from, std::vector<float>& to,
+                            std::size_t components) {
+    std::copy(from.begin(), from.end(),
+              to.begin() + static_cast<std::ptrdiff_t>(first * components));
+  };
+  copy(part.position, whole.position, 3);
+  copy(part.log_scale, whole.log_scale, 3);
+  copy(part.rotation, whole.rotation, 4);
+  copy(part.opacity_logit, whole.opacity_logit, 1);
+  copy(part.sh, whole.sh, 3 * static_cast<std::size_t>(part.sh_coefficients()));
+  copy(part.time, whole.time, 1);
+  copy(part.velocity, whole.velocity, 3);
+  copy(part.sigma, whole.sigma, 1);
+  copy(part.radius, whole.radius, 1);
+}
+
+Status read_all(const SceneReader& reader, Gaussians4D& whole) {
+  const std::size_t count = reader.segments().size();
+  std::vector<std::size_t> first(count);
+  std::size_t total = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    first[i] = total;
+    total += reader.segments()[i].primitives;
+  }
+  whole.sh_degree = reader.sh_degree();
+  whole.resize(total);
+  std::vector<Status> statuses(count);
+  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+    Result<Gaussians4D> part = reader.decode(static_cast<std::uint32_t>(i));
+    statuses[i] = part.status();
+    if (part.ok()) place_part(*part, first[i], whole);
+  });
+  for (Status& status : statuses) STGS_TRY(std::move(status));
+  return {};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,
+                                                       const ReadLimits& limits) {
+  try {
+    Findings findings;
+    FileHead head;
+    read_head(*source, limits, head, findings);
+    if (!findings.ok()) return findings.status(source->name());
+    return std::unique_ptr<SceneReader>(
+        std::make_unique<Reader>(std::move(source), std::move(head)));
+  } catch (const std::exception& e) {
+    return runtime_error("cannot open the file: {}", e.what());
+  }
+}
+
+Result<std::unique_ptr<SceneReader>> SceneReader::open(const std::string& path,
+                                                       const ReadLimits& limits) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
+  return open(std::move(source), limits);
+}
+
+Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
+  STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(path, limits));
+  const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
+  if (bytes > limits.max_memory) {
+    return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", path,
+                       reader->primitives(), bytes, limits.max_memory);
+  }
+  try {
+    Scene scene;
+    scene.metadata = reader->metadata();
+    STGS_TRY(read_all(*reader, scene.gaussians));
+    return scene;
+  } catch (const std::exception& e) {
+    return runtime_error("{}: {}", path, e.what());
+  }
+}
+
+}  // namespace stgs

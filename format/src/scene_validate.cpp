@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <exception>
+
+#include "segment.h"
+#include "segmenter.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
+
+// One finding an attribute and segment: the first primitive, and how many more.
+void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
+                  Findings& findings) {
+  for (Attribute attribute : attributes_of(set.sh_degree)) {
+    const AttributeView<const float> view = view_of(set, attribute);
+    const auto components = static_cast<std::size_t>(components_of(attribute));
+    std::size_t bad = 0, first = 0;
+    for (std::size_t i = 0; i < set.size(); ++i) {
+      bool finite = true;
+      for (std::size_t c = 0; c < components; ++c) {
+        finite &= std::isfinite(view.data[i * view.stride + c]);
+      }
+      if (!finite && bad++ == 0) first = i;
+    }
+    if (bad > 0) {
+      findings.error(N::kNotFinite, offset,
+                     "segment {}, {}: {} primitives are not finite, the first is {}", segment,
+                     name_of(attribute), bad, first);
+    }
+  }
+}
+
+// Counts what `wrong(i)` answers and reports it once.
+template <typename Wrong>
+void check_each(std::size_t n, N number, bool error, std::uint32_t segment, std::uint64_t offset,
+                const char* what, Findings& findings, Wrong wrong) {
+  std::size_t bad = 0, first = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (wrong(i) && bad++ == 0) first = i;
+  }
+  if (bad == 0) return;
+  if (error) {
+    findings.error(number, offset, "segment {}: {} primitives {}, the first is {}", segment, bad,
+                   what, first);
+  } else {
+    findings.warning(number, offset, "segment {}: {} primitives {}, the first is {}", segment, bad,
+                     what, first);
+  }
+}
+
+void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
+                  Findings& findings) {
+  const IndexEntry& entry = head.index.entries[segment];
+  const SceneMetadata& scene = head.metadata.scene;
+  const std::uint64_t at = entry.offset;
+  const std::size_t n = set.size();
+  check_finite(set, segment, at, findings);
+  check_each(n, N::kSigma, true, segment, at, "have sigma <= 0", findings,
+             [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
+  check_each(n, N::kRadius, true, segment, at, "have a radius < 0", findings,
+             [&](std::size_t i) { return set.radius[i] < 0.0f; });
+  check_each(n, N::kRotation, true, segment, at, "have a quaternion of length 0", findings,
+             [&](std::size_t i) {
+               const float* q = set.rotation.data() + 4 * i;
+               return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
+             });
+  const Interval interval =
+      interval_of(entry.level, entry.slot, head.index.chunk_ticks, scene.frames);
+  check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,
+             [&](std::size_t i) {
+               const Lifetime lifetime = lifetime_of(set.opacity_logit[i], set.time[i],
+                                                     set.sigma[i], set.radius[i], scene.frames);
+               return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
+                                          lifetime.end > interval.end + kIntervalTolerance);
+             });
+  check_each(n, N::kOutsideBounds, false, segment, at, "lie outside the stated bounds", findings,
+             [&](std::size_t i) {
+               bool outside = false;
+               for (std::size_t axis = 0; axis < 3; ++axis) {
+                 const float x = set.position[3 * i + axis];
+                 outside |= x < scene.bounds_min[axis] || x > scene.bounds_max[axis];
+               }
+               return outside;
+             });
+}
+
+// Records of the body that the index does not list, in [at, end).
+void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end,
+                   Findings& findings) {
+  while (at < end) {
+    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, at, end, record, findings)) return;
+    if (record.tag == kSegmentTag) {
+      findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
+    } else if ((record.flags & kCritical) != 0) {  // spec 3.4
+      findings.unsupported(N::kUnknownCritical, at, "critical record '{}' outside the head",
+                           tag_text(record.tag));
+    }
+    bytes.resize(record.length);
+    if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    at += kRecordHeaderBytes + record.length;
+  }
+}
+
+void check_segments(const ByteSource& source, const FileHead& head, Findings& findings) {
+  std::vector<std::uint64_t> bytes(attributes_of(3).size() + 1, 0);
+  std::uint64_t at = head.header.head_bytes;
+  for (std::uint32_t i = 0; i < head.index.entries.size(); ++i) {
+    const IndexEntry& entry = head.index.entries[i];
+    walk_unlisted(source, at, entry.offset, findings);
+    at = entry.offset + entry.bytes;
+    std::vector<LocatedStream> streams;
+    std::vector<std::uint8_t> record;
+    Gaussians4D set;
+    const bool parsed = read_segment(source, head, i, streams, record, findings);
+    for (const LocatedStream& stream : streams) bytes[stream.entry.attribute] += stream.entry.bytes;
+    if (parsed && decode_streams(streams, i, entry.primitives, head.metadata, set, findings)) {
+      check_values(set, head, i, findings);
+    }
+  }
+  walk_unlisted(source, at, head.header.file_bytes, findings);
+  for (const AttributeBytes& row : head.index.attributes) {
+    const bool known = row.attribute > 0 && row.attribute < bytes.size();
+    if (known && row.bytes != bytes[row.attribute]) {
+      findings.error(N::kAttributeTotal, kHeaderBytes,
+                     "index: {} bytes of {}, the segments hold {}", row.bytes,
+                     name_of(static_cast<Attribute>(row.attribute)), bytes[row.attribute]);
+    }
+  }
+}
+
+}  // namespace
+
+Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLimits& limits) {
+  try {
+    Findings findings;
+    FileHead head;
+    // Past the limits nothing is decoded.
+    const bool reachable = read_head(source, limits, head, findings);
+    const Status status = findings.status(source.name());
+    if (status.code() == StatusCode::kIo) return status;
+    if (reachable && status.code() != StatusCode::kUnsupported) {
+      check_segments(source, head, findings);
+    }
+    return findings.take();
+  } catch (const std::exception& e) {
+    return runtime_error("{}: {}", source.name(), e.what());
+  }
+}
+
+}  // namespace stgs

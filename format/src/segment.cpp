@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "segment.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+#include "bytes.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+StreamEntry read_entry(ByteReader& in) {  // spec 6.2
+  StreamEntry entry;
+  entry.attribute = in.u16();
+  entry.components = in.u8();
+  entry.mapping = in.u8();
+  entry.prediction = in.u8();
+  entry.coder = in.u8();
+  entry.planes = in.u8();
+  entry.exponent = static_cast<std::int8_t>(in.u8());
+  entry.bytes = in.u64();
+  entry.checksum = in.u64();
+  for (float& v : entry.origin) v = in.f32();
+  return entry;
+}
+
+void write_entry(const StreamEntry& entry, ByteWriter& out) {
+  out.u16(entry.attribute);
+  out.u8(entry.components);
+  out.u8(entry.mapping);
+  out.u8(entry.prediction);
+  out.u8(entry.coder);
+  out.u8(entry.planes);
+  out.u8(static_cast<std::uint8_t>(entry.exponent));
+  out.u64(entry.bytes);
+  out.u64(entry.checksum);
+  for (float v : entry.origin) out.f32(v);
+}
+
+bool same_segment(ByteReader& in, const IndexEntry& expected, std::uint32_t& streams) {
+  const auto level = static_cast<std::int16_t>(in.u16());
+  const std::uint16_t layer = in.u16();
+  const std::uint32_t slot = in.u32(), primitives = in.u32();
+  streams = in.u32();
+  return level == expected.level && layer == expected.layer && slot == expected.slot &&
+         primitives == expected.primitives;
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> write_segment(const IndexEntry& entry,
+                                        std::span<const EncodedStream> streams) {
+  ByteWriter out;
+  out.u16(static_cast<std::uint16_t>(entry.level));
+  out.u16(entry.layer);
+  out.u32(entry.slot);
+  out.u32(entry.primitives);
+  out.u32(static_cast<std::uint32_t>(streams.size()));
+  for (const EncodedStream& stream : streams) write_entry(stream.entry, out);
+  for (const EncodedStream& stream : streams) out.bytes(stream.bytes);
+  return out.take();
+}
+
+bool parse_segment(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                   std::uint32_t ordinal, const IndexEntry& expected, const FileMetadata& metadata,
+                   std::vector<LocatedStream>& streams, Findings& findings) {
+  ByteReader in(payload);
+  std::uint32_t count = 0;
+  if (!same_segment(in, expected, count)) {
+    findings.error(N::kSegmentMismatch, offset, "segment {}: is not the one that the index lists",
+                   ordinal);
+    return false;
+  }
+  if (!in.ok() || in.left() / kStreamEntryBytes < count) {
+    findings.error(N::kStreamTable, offset, "segment {}: {} bytes are too few for {} streams",
+                   ordinal, payload.size(), count);
+    return false;
+  }
+  const std::span<const Attribute> needed = attributes_of(metadata.sh_degree);
+  std::size_t found = 0;
+  std::uint64_t at = kSegmentHeaderBytes + std::uint64_t{kStreamEntryBytes} * count;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const std::uint64_t row = offset + in.position();
+    LocatedStream stream{read_entry(in), offset + at, {}};
+    if (stream.entry.bytes > payload.size() - at) {
+      findings.error(N::kStreamTable, row, "segment {}: stream {} of {} bytes does not fit",
+                     ordinal, i, stream.entry.bytes);
+      return false;
+    }
+    stream.stored = payload.subspan(at, stream.entry.bytes);
+    at += stream.entry.bytes;
+    if (stream.entry.attribute >= kOptionalAttributes) continue;  // spec 6.4
+    if (found == needed.size() ||
+        stream.entry.attribute != static_cast<std::uint16_t>(needed[found])) {
+      findings.error(N::kStreamMissing, row, "segment {}: stream {} has attribute {}; expected {}",
+                     ordinal, i, stream.entry.attribute,
+                     found == needed.size() ? "no more" : name_of(needed[found]));
+      return false;
+    }
+    ++found;
+    if (check_entry(stream.entry, {ordinal, row}, findings)) streams.push_back(stream);
+  }
+  if (at != payload.size()) {
+    findings.error(N::kStreamTable, offset, "segment {}: {} bytes belong to no stream", ordinal,
+                   payload.size() - at);
+  }
+  if (found != needed.size()) {
+    findings.error(N::kStreamMissing, offset, "segment {}: no stream for {}", ordinal,
+                   name_of(needed[found]));
+    return false;
+  }
+  return streams.size() == needed.size();
+}
+
+bool decode_streams(std::span<const LocatedStream> streams, std::uint32_t ordinal,
+                    std::uint32_t primitives, const FileMetadata& metadata, Gaussians4D& set,
+                    Findings& findings) {
+  set.sh_degree = metadata.sh_degree;
+  set.resize(primitives);
+  std::vector<Findings> found(streams.size());
+  const auto decode = [&](std::size_t i) {
+    const LocatedStream& stream = streams[i];
+    const StreamPlace place{ordinal, stream.offset};
+    std::vector<std::uint8_t> planes;
+    if (decode_planes(stream.entry, stream.stored, primitives, place, planes, found[i])) {
+      map_planes(stream.entry, planes, metadata.scene.frames, place, set, found[i]);
+    }
+  };
+  const auto is_velocity = [&](std::size_t i) {
+    return streams[i].entry.attribute == static_cast<std::uint16_t>(Attribute::kVelocity);
+  };
+  // Velocity is scaled by the lifespan, so it comes after sigma and radius.
+  tbb::parallel_for(std::size_t{0}, streams.size(), [&](std::size_t i) {
+    if (!is_velocity(i)) decode(i);
+  });
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    if (is_velocity(i)) decode(i);
+  }
+  const bool good = std::all_of(found.begin(), found.end(), [](auto& f) { return f.ok(); });
+  for (Findings& f : found) findings.append(std::move(f));
+  return good;
+}
+
+bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
+                  std::vector<LocatedStream>& streams, std::vector<std::uint8_t>& record,
+                  Findings& findings) {
+  const IndexEntry& entry = head.index.entries[ordinal];
+  record.resize(entry.bytes);
+  if (Status status = source.read(entry.offset, record); !status.ok()) {
+    findings.failed_read(entry.offset, status);
+    return false;
+  }
+  RecordHeader header;
+  if (!parse_record_header(record, entry.offset, entry.offset + entry.bytes, header, findings)) {
+    return false;
+  }
+  if (header.tag != kSegmentTag || header.length != entry.bytes - kRecordHeaderBytes) {
+    findings.error(N::kSegmentMismatch, entry.offset,
+                   "segment {}: record '{}' of {} bytes is not the one that the index lists",
+                   ordinal, tag_text(header.tag), header.length);
+    return false;
+  }
+  const auto payload = std::span<const std::uint8_t>(record).subspan(kRecordHeaderBytes);
+  const std::uint64_t payload_at = entry.offset + kRecordHeaderBytes;
+  if (checksum(payload) != header.checksum) {
+    findings.error(N::kRecordChecksum, payload_at, "segment {} is damaged (checksum of {} bytes)",
+                   ordinal, payload.size());
+  }
+  return parse_segment(payload, payload_at, ordinal, entry, head.metadata, streams, findings);
+}
+
+}  // namespace stgs

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which segment of the timeline a primitive belongs to (spec 5.8).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "container.h"
+#include "stgs/format/gaussian4d.h"
+
+namespace stgs {
+
+// When a primitive can be seen within [0, frames); `never` where it cannot.
+struct Lifetime {
+  double begin = 0, end = 0;
+  bool never = false;
+};
+Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
+                     std::uint32_t frames);
+
+struct Place {
+  std::int16_t level = -1;
+  std::uint32_t slot = 0;
+  bool operator==(const Place&) const = default;
+};
+Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frames);
+
+// Primitives that share a place, ascending.
+struct SegmentMembers {
+  Place place;
+  std::vector<std::uint32_t> members;
+};
+// Every primitive exactly once, segments in file order (spec 5.6). Those that are never visible are
+// persistent, or left out.
+std::vector<SegmentMembers> segments_of(const Gaussians4D& set, double chunk_ticks,
+                                        std::uint32_t frames, bool keep_never_visible);
+
+}  // namespace stgs

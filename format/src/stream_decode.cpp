@@ -1,0 +1,280 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <zstd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+
+#include "container.h"
+#include "stream.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+constexpr std::size_t kBlock = 2048;  // primitives mapped at a time
+using Block = std::array<std::uint32_t, kBlock>;
+
+// 2^e; e outside the normal range is clamped (spec 7.5.4).
+float power_of_two(int e) {
+  return std::bit_cast<float>(static_cast<std::uint32_t>(std::clamp(e, -126, 127) + 127) << 23);
+}
+
+// Values [first, first + count) of a component from its planes.
+void load(const std::uint8_t* planes, int plane_count, std::size_t n, std::size_t first,
+          std::size_t count, std::uint32_t* out) {
+  const std::uint8_t* low = planes + first;
+  for (std::size_t i = 0; i < count; ++i) out[i] = low[i];
+  for (int plane = 1; plane < plane_count; ++plane) {
+    const std::uint8_t* from = planes + static_cast<std::size_t>(plane) * n + first;
+    const int shift = 8 * plane;
+    for (std::size_t i = 0; i < count; ++i) out[i] |= std::uint32_t{from[i]} << shift;
+  }
+}
+
+void undo_prediction(Prediction prediction, std::size_t count, std::uint32_t& carry,
+                     std::uint32_t* q) {
+  if (prediction == Prediction::kPlain) return;
+  for (std::size_t i = 0; i < count; ++i) q[i] = unzigzag(q[i]);
+  if (prediction == Prediction::kZigzag) return;
+  for (std::size_t i = 0; i < count; ++i) q[i] = carry += q[i];
+}
+
+// Non-zero where some |q| does not fit 24 bits.
+std::uint32_t excess(const std::uint32_t* q, std::size_t count) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = 0; i < count; ++i) bad |= (q[i] + (1u << 24)) >> 25;
+  return bad;
+}
+
+struct Output {
+  float* to;  // first primitive of the block, first component
+  std::size_t stride;
+};
+
+bool map_linear(const StreamEntry& entry, int component, const std::uint32_t* q, std::size_t count,
+                Output out) {
+  const float step = power_of_two(entry.exponent);
+  const float origin = entry.origin[component % 3];
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto integer = static_cast<float>(static_cast<std::int32_t>(q[i]));
+    out.to[i * out.stride + static_cast<std::size_t>(component)] = origin + step * integer;
+  }
+  return excess(q, count) == 0;
+}
+
+bool map_truncated(const StreamEntry& entry, const std::uint32_t* q, std::size_t count,
+                   Output out) {
+  const std::uint64_t first = std::bit_cast<std::uint32_t>(entry.origin[0]);
+  bool good = true;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint64_t bits = first + (std::uint64_t{q[i]} << entry.exponent);
+    good &= bits < 0x7F800000;
+    out.to[i * out.stride] =
+        std::bit_cast<float>(static_cast<std::uint32_t>(bits)) - entry.origin[1];
+  }
+  return good;
+}
+
+bool map_displacement(const StreamEntry& entry, int component, const std::uint32_t* q,
+                      std::size_t count, const float* sigma, const float* radius,
+                      std::uint32_t frames, Output out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const float step =
+        power_of_two(entry.exponent - lifespan_exponent(sigma[i], radius[i], frames));
+    out.to[i * out.stride + static_cast<std::size_t>(component)] =
+        step * static_cast<float>(static_cast<std::int32_t>(q[i]));
+  }
+  return excess(q, count) == 0;
+}
+
+// w from the unit length; exact but for the square root, which rounds correctly (spec 7.5.5).
+bool map_rotation(const StreamEntry& entry, const std::array<Block, 3>& q, std::size_t count,
+                  Output out) {
+  const float step = power_of_two(entry.exponent);
+  const std::int64_t unit = std::int64_t{1} << (-2 * entry.exponent);
+  bool good = true;
+  for (std::size_t i = 0; i < count; ++i) {
+    std::int64_t rest = unit;
+    float* to = out.to + i * out.stride;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto integer = static_cast<std::int32_t>(q[c][i]);
+      rest -= std::int64_t{integer} * integer;
+      to[c + 1] = step * static_cast<float>(integer);
+    }
+    good &= rest > 0;
+    to[0] = step * std::sqrt(static_cast<float>(std::max<std::int64_t>(rest, 0)));
+  }
+  return good;
+}
+
+bool map_float(int component, const std::uint32_t* q, std::size_t count, Output out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    out.to[i * out.stride + static_cast<std::size_t>(component)] = std::bit_cast<float>(q[i]);
+  }
+  return true;
+}
+
+bool map_morton(const StreamEntry& entry, const std::uint8_t* planes, std::size_t n, Output out) {
+  float step = power_of_two(entry.exponent);
+  std::uint64_t key = 0, overflow = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    std::uint64_t delta = 0;
+    for (int plane = 0; plane < entry.planes; ++plane) {
+      delta |= std::uint64_t{planes[static_cast<std::size_t>(plane) * n + i]} << (8 * plane);
+    }
+    key += delta;
+    overflow |= key | delta;
+    float* to = out.to + i * out.stride;
+    for (int axis = 0; axis < 3; ++axis) {
+      to[axis] = entry.origin[axis] + step * static_cast<float>(compact3(key >> axis));
+    }
+  }
+  return overflow >> 63 == 0;
+}
+
+// Rows that this version may write: attribute by mapping (spec 7.5).
+bool mapping_fits(const StreamEntry& entry) {
+  const auto attribute = static_cast<Attribute>(entry.attribute);
+  switch (static_cast<Mapping>(entry.mapping)) {
+    case Mapping::kFloat:
+      return entry.exponent == 0;
+    case Mapping::kLinear:
+      return attribute != Attribute::kRotation && attribute != Attribute::kVelocity &&
+             attribute != Attribute::kSigma && attribute != Attribute::kRadius;
+    case Mapping::kTruncated:
+      return (attribute == Attribute::kSigma || attribute == Attribute::kRadius) &&
+             entry.exponent >= 0 && entry.exponent <= 23;
+    case Mapping::kDisplacement:
+      return attribute == Attribute::kVelocity;
+    case Mapping::kRotation:
+      return attribute == Attribute::kRotation && entry.exponent <= -4 && entry.exponent >= -12;
+  }
+  return false;
+}
+
+}  // namespace
+
+int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
+  const float lifespan = std::min(radius + 2.0f * sigma, static_cast<float>(frames));
+  return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
+}
+
+bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings) {
+  const auto attribute = static_cast<Attribute>(entry.attribute);
+  const char* name = name_of(attribute);
+  if (entry.mapping > 4 || entry.prediction > 3 || entry.coder > 1) {
+    findings.unsupported(N::kStreamUnsupported, place.offset,
+                         "segment {}, {}: mapping {}, prediction {}, coder {}: one of them is "
+                         "unknown to this version",
+                         place.segment, name, entry.mapping, entry.prediction, entry.coder);
+    return false;
+  }
+  const auto prediction = static_cast<Prediction>(entry.prediction);
+  const bool morton = prediction == Prediction::kMorton;
+  const bool rotation = static_cast<Mapping>(entry.mapping) == Mapping::kRotation;
+  const bool position =
+      attribute == Attribute::kPosition && static_cast<Mapping>(entry.mapping) == Mapping::kLinear;
+  const int components = morton ? 1 : rotation ? 3 : components_of(attribute);
+  const bool bits_plain =
+      static_cast<Mapping>(entry.mapping) != Mapping::kFloat || prediction == Prediction::kPlain;
+  if (!mapping_fits(entry) || entry.components != components || (morton && !position) ||
+      !bits_plain || entry.planes < 1 || entry.planes > (morton ? 8 : 4)) {
+    findings.error(N::kStreamShape, place.offset,
+                   "segment {}, {}: mapping {} with prediction {}, {} components of {} bytes and "
+                   "exponent {} is not allowed",
+                   place.segment, name, entry.mapping, entry.prediction, entry.components,
+                   entry.planes, entry.exponent);
+    return false;
+  }
+  return true;
+}
+
+bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> stored,
+                   std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
+                   Findings& findings) {
+  const char* name = name_of(static_cast<Attribute>(entry.attribute));
+  const std::uint64_t size = primitives * entry.components * entry.planes;
+  const bool zstd = static_cast<Coder>(entry.coder) == Coder::kZstd;
+  // The frame states its size: checked before anything is allocated (spec 7.2).
+  const std::uint64_t stated =
+      zstd ? ZSTD_getFrameContentSize(stored.data(), stored.size()) : stored.size();
+  if (stated != size) {
+    findings.error(N::kStreamCorrupt, place.offset,
+                   "segment {}, {}: the stream does not hold the {} bytes of {} primitives",
+                   place.segment, name, size, primitives);
+    return false;
+  }
+  planes.resize(size);
+  if (zstd) {
+    const std::size_t got =
+        ZSTD_decompress(planes.data(), planes.size(), stored.data(), stored.size());
+    if (ZSTD_isError(got) || got != size) {
+      findings.error(N::kStreamCorrupt, place.offset, "segment {}, {}: zstd: {}", place.segment,
+                     name, ZSTD_isError(got) ? ZSTD_getErrorName(got) : "another size");
+      return false;
+    }
+  } else {
+    std::copy(stored.begin(), stored.end(), planes.begin());
+  }
+  if (checksum(planes) != entry.checksum) {
+    findings.error(N::kStreamChecksum, place.offset, "segment {}, {}: decoded bytes are wrong",
+                   place.segment, name);
+    return false;
+  }
+  return true;
+}
+
+bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
+                std::uint32_t frames, StreamPlace place, Gaussians4D& set, Findings& findings) {
+  const auto attribute = static_cast<Attribute>(entry.attribute);
+  const auto mapping = static_cast<Mapping>(entry.mapping);
+  const auto prediction = static_cast<Prediction>(entry.prediction);
+  const AttributeView<float> view = view_of(set, attribute);
+  const std::size_t n = set.size();
+  bool good = true;
+  if (prediction == Prediction::kMorton) {
+    good = map_morton(entry, planes.data(), n, {view.data, view.stride});
+  } else {
+    std::array<std::uint32_t, 32> carry{};
+    std::array<Block, 3> q;  // of a rotation all three, else the first
+    for (std::size_t first = 0; first < n; first += kBlock) {
+      const std::size_t count = std::min(kBlock, n - first);
+      const Output out{view.data + first * view.stride, view.stride};
+      for (int c = 0; c < entry.components; ++c) {
+        std::uint32_t* block =
+            q[mapping == Mapping::kRotation ? static_cast<std::size_t>(c) : 0].data();
+        load(planes.data() + static_cast<std::size_t>(c) * entry.planes * n, entry.planes, n, first,
+             count, block);
+        undo_prediction(prediction, count, carry[static_cast<std::size_t>(c)], block);
+        switch (mapping) {
+          case Mapping::kFloat:
+            good &= map_float(c, block, count, out);
+            break;
+          case Mapping::kLinear:
+            good &= map_linear(entry, c, block, count, out);
+            break;
+          case Mapping::kTruncated:
+            good &= map_truncated(entry, block, count, out);
+            break;
+          case Mapping::kDisplacement:
+            good &= map_displacement(entry, c, block, count, set.sigma.data() + first,
+                                     set.radius.data() + first, frames, out);
+            break;
+          case Mapping::kRotation:
+            good &= excess(block, count) == 0;
+            if (c == 2) good &= map_rotation(entry, q, count, out);
+            break;
+        }
+      }
+    }
+  }
+  if (!good) {
+    findings.error(N::kStreamValue, place.offset, "segment {}, {}: an integer is out of range",
+                   place.segment, name_of(attribute));
+  }
+  return good;
+}
+
+}  // namespace stgs

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "scene_fixture.h"
+
+using namespace stgs;
+using stgs::testing::fingerprints;
+using stgs::testing::random_scene;
+
+namespace {
+
+std::string temporary(const std::string& name) {
+  return (std::filesystem::temp_directory_path() / name).string();
+}
+
+Result<std::unique_ptr<SceneReader>> open_bytes(std::vector<std::uint8_t> bytes) {
+  return SceneReader::open(memory_source(std::move(bytes)));
+}
+
+}  // namespace
+
+TEST_CASE("the lossless profile gives back every bit of every primitive") {
+  for (int degree = 0; degree <= 3; ++degree) {
+    Scene scene = random_scene(700, degree, 60, 7);
+    scene.gaussians.position[0] = -0.0f;
+    scene.gaussians.sh[1] = 1e-42f;  // not normalised
+    const std::string path = temporary("stgs_lossless.stgs");
+    const Status written = write_scene(path, scene, {});
+    INFO(written.message());
+    REQUIRE(written.ok());
+    const Result<Scene> read = read_scene(path);
+    std::filesystem::remove(path);
+    INFO(read.status().message());
+    REQUIRE(read.ok());
+    auto before = fingerprints(scene.gaussians), after = fingerprints(read->gaussians);
+    std::sort(before.begin(), before.end());
+    std::sort(after.begin(), after.end());
+    CHECK(before == after);
+  }
+}
+
+TEST_CASE("a file says what it is") {
+  Scene scene = random_scene(100, 1, 90, 3);
+  scene.metadata.time_base = {1001, 30000};
+  scene.metadata.metric = true;
+  scene.metadata.background[1] = 0.5f;
+  scene.metadata.title = "Tanz, Saal 3 \xE2\x80\x94 Probe";
+  StartCamera camera;
+  camera.fx = camera.fy = 500.0f;
+  camera.width = 640;
+  camera.height = 360;
+  camera.translation[2] = 1.5f;
+  scene.metadata.start_camera = camera;
+  Result<std::vector<std::uint8_t>> bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  const auto reader = open_bytes(*bytes);
+  INFO(reader.status().message());
+  REQUIRE(reader.ok());
+  const SceneMetadata& metadata = (*reader)->metadata();
+  CHECK(metadata.time_base == TimeBase{1001, 30000});
+  CHECK(metadata.frames == 90);
+  CHECK(metadata.metric);
+  CHECK(metadata.background[1] == 0.5f);
+  CHECK(metadata.near_plane == 0.1f);
+  CHECK(metadata.title == scene.metadata.title);
+  CHECK(metadata.generator == "test");
+  REQUIRE(metadata.start_camera.has_value());
+  CHECK(metadata.start_camera->translation[2] == 1.5f);
+  CHECK(metadata.start_camera->width == 640);
+  CHECK((*reader)->profile() == Profile::kLossless);
+  CHECK((*reader)->version_major() == kFormatMajor);
+  CHECK((*reader)->version_minor() == kFormatMinor);
+  CHECK((*reader)->sh_degree() == 1);
+  CHECK((*reader)->primitives() == 100);
+  CHECK((*reader)->file_bytes() == bytes->size());
+  std::uint64_t stream_bytes = 0;
+  for (const StreamInfo& stream : (*reader)->streams()) stream_bytes += stream.bytes;
+  CHECK(stream_bytes > 0);
+  CHECK(stream_bytes < bytes->size());
+  for (std::size_t i = 0; i < 300; i += 3) {
+    CHECK(scene.gaussians.position[i] >= metadata.bounds_min[0]);
+    CHECK(scene.gaussians.position[i] <= metadata.bounds_max[0]);
+  }
+}
+
+TEST_CASE("an empty scene is a valid file") {
+  Scene scene = random_scene(0, 3, 1, 1);
+  const auto bytes = encode_scene(scene, {});
+  INFO(bytes.status().message());
+  REQUIRE(bytes.ok());
+  const auto reader = open_bytes(*bytes);
+  INFO(reader.status().message());
+  REQUIRE(reader.ok());
+  CHECK((*reader)->primitives() == 0);
+  CHECK((*reader)->segments_between(0, 1).empty());
+}
+
+TEST_CASE("writing the same scene twice gives the same bytes") {
+  const Scene scene = random_scene(500, 2, 40, 5);
+  for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    WriteSettings settings;
+    settings.profile = profile;
+    const auto once = encode_scene(scene, settings), twice = encode_scene(scene, settings);
+    REQUIRE(once.ok());
+    CHECK(*once == *twice);
+  }
+}
+
+TEST_CASE("what cannot be written is refused by name and number") {
+  const Scene good = random_scene(20, 1, 30, 2);
+  const auto message = [](const Scene& scene, const WriteSettings& settings = {}) {
+    const auto bytes = encode_scene(scene, settings);
+    CHECK(bytes.status().code() == StatusCode::kUsage);
+    return bytes.status().message();
+  };
+  Scene bad = good;
+  bad.gaussians.velocity[3 * 11 + 2] = NAN;
+  CHECK(message(bad) == "velocity[2] of primitive 11 is nan, not a finite number");
+  bad = good;
+  bad.gaussians.sh[12 * 4 + 3] = INFINITY;
+  CHECK(message(bad) == "sh1[0] of primitive 4 is inf, not a finite number");
+  bad = good;
+  bad.gaussians.sigma[7] = 0.0f;
+  CHECK(message(bad) == "sigma of primitive 7 is 0, not > 0");
+  bad = good;
+  bad.gaussians.radius[0] = -1.0f;
+  CHECK(message(bad) == "radius of primitive 0 is -1, not >= 0");
+  bad = good;
+  std::fill_n(bad.gaussians.rotation.begin() + 4 * 19, 4, 0.0f);
+  CHECK(message(bad) == "rotation of primitive 19 is a quaternion of length 0");
+  bad = good;
+  bad.gaussians.time.pop_back();
+  CHECK(message(bad) == "the arrays of a set of 20 primitives differ in length");
+  bad = good;
+  bad.metadata.frames = 0;
+  CHECK(message(bad).find("at least one frame") != std::string::npos);
+  WriteSettings settings;
+  settings.quality = 101;
+  CHECK(message(good, settings) == "quality 101 is not in 0..100");
+  settings = {};
+  settings.chunk_seconds = 0.0;
+  CHECK(message(good, settings).find("do not cut a timeline") != std::string::npos);
+  settings = {};
+  settings.zstd_level = 40;
+  CHECK(message(good, settings) == "zstd level 40 is not in 1..19");
+}
+
+TEST_CASE("limits refuse a file before it is decoded") {
+  const Scene scene = random_scene(300, 0, 30, 4);
+  const auto bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  ReadLimits limits;
+  limits.max_primitives = 299;
+  auto reader = SceneReader::open(memory_source(*bytes), limits);
+  CHECK(reader.status().code() == StatusCode::kUnsupported);
+  CHECK(reader.status().message().find("300 primitives, more than the limit of 299") !=
+        std::string::npos);
+  limits = {};
+  limits.max_memory = 4000;
+  reader = SceneReader::open(memory_source(*bytes), limits);
+  CHECK(reader.status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("an unwritable target is an error and leaves nothing behind") {
+  const Scene scene = random_scene(10, 0, 30, 4);
+  const std::string folder = temporary("stgs_write_test");
+  std::filesystem::create_directory(folder);
+  CHECK(write_scene(folder, scene, {}).code() == StatusCode::kIo);
+  CHECK(write_scene(folder + "/none/x.stgs", scene, {}).code() == StatusCode::kIo);
+  CHECK(std::filesystem::is_empty(folder));
+  std::filesystem::remove_all(folder);
+  CHECK(write_scene("/dev/null", scene, {}).ok());
+  CHECK(std::filesystem::is_character_file("/dev/null"));
+  const Status full = write_scene("/dev/full", scene, {});
+  CHECK(full.code() == StatusCode::kIo);
+  CHECK(full.message() == "/dev/full: cannot write: No space left on device");
+  CHECK(std::filesystem::is_character_file("/dev/full"));
+}
