@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Holds the source tree to its shape: who may include whom, file lengths, licence lines.
+
+usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one a line on stdout
+"""
+import os
+import re
+import sys
+
+# An arrow of the architecture: a module, and the modules whose headers it may include.
+MAY_INCLUDE = {
+    "format": {"format"},
+    "player": {"format", "player"},
+    "sdk": {"format", "player", "sdk"},
+    "encoder": {"format", "encoder"},
+    "tools": {"format", "player", "sdk", "encoder", "tools"},
+    "tests": {"format", "player", "sdk", "encoder", "tools", "tests"},
+}
+CAPTURE_SIDE = ("encoder/src/capture/", "encoder/src/init/", "tools/", "tests/")
+# Libraries that stay out of what trains and plays: header pattern, name, allowed folders.
+CONFINED = [
+    (re.compile(r"opencv2/"), "OpenCV", CAPTURE_SIDE),
+    (re.compile(r"(OpenEXR/)?(Imf|Imath|Iex)\w*\.h$"), "OpenEXR", CAPTURE_SIDE),
+    (re.compile(r"colmap/"), "COLMAP", CAPTURE_SIDE),
+    (re.compile(r"lib(av\w+|swscale|swresample)/"), "FFmpeg", CAPTURE_SIDE),
+]
+TOP_LEVEL = {
+    "encoder", "format", "player", "sdk", "spec", "tests", "tools", "cmake", ".ci",
+    "CMakeLists.txt", "CMakePresets.json", "Makefile", "README.md", "LICENSE", "CHANGELOG.md",
+    ".clang-format", ".gitignore",
+}
+NOT_SOURCE = {".git", "build"}  # and whatever .gitignore lists by folder at the top
+CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
+SCRIPTS = (".py", ".sh", ".cmake")
+MAX_LINES = 800
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
+LICENCE = "SPDX-License-Identifier: Apache-2.0"
+
+
+def ignored_top_level(root):
+    names = set(NOT_SOURCE)
+    path = os.path.join(root, ".gitignore")
+    if os.path.exists(path):
+        with open(path, encoding="utf-8") as lines:
+            names |= {line.strip().strip("/") for line in lines if line.startswith("/")}
+    return names
+
+
+def source_files(root, endings):
+    """Paths below root, with forward slashes, of the files that end so or are build scripts."""
+    found = []
+    ignored = ignored_top_level(root)
+    for folder, folders, names in os.walk(root):
+        if folder == root:
+            folders[:] = [name for name in folders if name not in ignored]
+        folders[:] = sorted(name for name in folders if name not in (".git", "__pycache__"))
+        for name in sorted(names):
+            build_script = name in ("CMakeLists.txt", "Makefile") and ".cmake" in endings
+            if name.endswith(endings) or build_script:
+                found.append(os.path.relpath(os.path.join(folder, name), root).replace(os.sep, "/"))
+    return found
+
+
+def included_module(root, path, quote, header):
+    """The module that an include leads to, or None where it is not one of ours."""
+    if header.startswith("stgs/"):
+        name = header.split("/")[1]
+        return name if name in MAY_INCLUDE else "sdk"  # stgs/stgs.h and its like are the SDK's
+    if quote == '"':
+        beside = os.path.normpath(os.path.join(root, os.path.dirname(path), header))
+        if os.path.exists(beside):
+            return os.path.relpath(beside, root).split(os.sep)[0]
+    return None
+
+
+def check_includes(root, path, lines):
+    module = path.split("/")[0]
+    allowed = MAY_INCLUDE.get(module)
+    if allowed is None:
+        return
+    for number, line in enumerate(lines, 1):
+        match = INCLUDE.match(line)
+        if not match:
+            continue
+        quote, header = match.groups()
+        target = included_module(root, path, quote, header)
+        if target is not None and target not in allowed:
+            yield f"{path}:{number}: {module} must not include {target} ({header})"
+        for pattern, library, folders in CONFINED:
+            if pattern.match(header) and not path.startswith(folders):
+                yield f"{path}:{number}: {library} is only for {', '.join(folders)} ({header})"
+
+
+def check_include_root(path):
+    """A module's public headers lie in MODULE/include/stgs/MODULE, the SDK's in sdk/include/stgs."""
+    parts = path.split("/")
+    if "include" not in parts[:-1]:
+        return
+    module = parts[0]
+    home = "sdk/include/stgs/" if module == "sdk" else f"{module}/include/stgs/{module}/"
+    if module in MAY_INCLUDE and module not in ("tests", "tools") and not path.startswith(home):
+        yield f"{path}: a public header of {module} belongs in {home}"
+
+
+def check(root):
+    problems = []
+    for name in sorted(os.listdir(root)):
+        if name not in TOP_LEVEL and name not in ignored_top_level(root):
+            problems.append(f"{name}: nothing but the agreed folders and files at the top")
+    for path in source_files(root, CODE + SCRIPTS):
+        with open(os.path.join(root, path), encoding="utf-8") as file:
+            lines = file.read().splitlines()
+        # A script's first line is its interpreter's.
+        if not any(LICENCE in line for line in lines[:2]):
+            problems.append(f"{path}:1: no line '{LICENCE}'")
+        if len(lines) > MAX_LINES:
+            problems.append(f"{path}: {len(lines)} lines, more than {MAX_LINES}: split it")
+        if path.endswith(CODE):
+            problems += check_includes(root, path, lines)
+            problems += check_include_root(path)
+    return problems
+
+
+def main():
+    if len(sys.argv) != 2 or not os.path.isdir(sys.argv[1]):
+        sys.exit(__doc__)
+    problems = check(sys.argv[1])
+    for problem in problems:
+        print(problem)
+    print(f"{len(source_files(sys.argv[1], CODE + SCRIPTS))} files, {len(problems)} problems")
+    sys.exit(1 if problems else 0)
+
+
+if __name__ == "__main__":
+    main()

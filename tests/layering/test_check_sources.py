@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""check_sources.py finds each kind of breach in a made-up tree, and passes a clean one."""
+import os
+import tempfile
+import unittest
+
+import check_sources
+
+LICENCE = "// SPDX-License-Identifier: Apache-2.0\n"
+
+
+class CheckSources(unittest.TestCase):
+    def problems(self, files):
+        with tempfile.TemporaryDirectory() as root:
+            for path, text in files.items():
+                full = os.path.join(root, path)
+                os.makedirs(os.path.dirname(full), exist_ok=True)
+                with open(full, "w", encoding="utf-8") as file:
+                    file.write(text)
+            return check_sources.check(root)
+
+    def assert_breach(self, path, text, words):
+        found = self.problems({path: LICENCE + text})
+        self.assertEqual(len(found), 1, found)
+        self.assertIn(words, found[0])
+
+    def test_a_clean_tree_passes(self):
+        self.assertEqual(self.problems({
+            "format/include/stgs/format/a.h": LICENCE,
+            "player/src/b.cpp": LICENCE + '#include "stgs/format/a.h"\n#include <vector>\n',
+            "encoder/src/capture/c.cpp": LICENCE + "#include <opencv2/core.hpp>\n",
+            "encoder/src/d.cpp": LICENCE + '#include "stgs/encoder/train.h"\n',
+            "tools/stgs/e.cpp": LICENCE + '#include "stgs/player/p.h"\n#include "stgs/encoder/e.h"\n',
+            "sdk/src/f.cpp": LICENCE + '#include "stgs/stgs.h"\n',
+            "tests/api/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
+        }), [])
+
+    def test_includes_against_the_arrows(self):
+        for module, target in [("format", "player"), ("format", "encoder"), ("player", "encoder"),
+                               ("player", "sdk"), ("encoder", "player"), ("sdk", "encoder"),
+                               ("encoder", "tools"), ("player", "tests")]:
+            with self.subTest(module=module, target=target):
+                self.assert_breach(f"{module}/src/a.cpp", f'#include "stgs/{target}/x.h"\n',
+                                   f"{module} must not include {target}")
+        self.assert_breach("format/src/a.cpp", "  #  include <stgs/stgs.h>\n",
+                           "format must not include sdk")
+
+    def test_a_relative_path_does_not_get_round_the_arrows(self):
+        found = self.problems({
+            "player/src/secret.h": LICENCE,
+            "encoder/src/a.cpp": LICENCE + '#include "../../player/src/secret.h"\n',
+        })
+        self.assertEqual(len(found), 1, found)
+        self.assertIn("encoder must not include player", found[0])
+
+    def test_confined_libraries(self):
+        for header, library in [("opencv2/core.hpp", "OpenCV"), ("ImfOutputFile.h", "OpenEXR"),
+                                ("OpenEXR/ImfRgba.h", "OpenEXR"), ("colmap/base/x.h", "COLMAP"),
+                                ("libavcodec/avcodec.h", "FFmpeg")]:
+            for folder in ("format/src", "player/src", "encoder/src", "encoder/src/train"):
+                with self.subTest(header=header, folder=folder):
+                    self.assert_breach(f"{folder}/a.cpp", f"#include <{header}>\n",
+                                       f"{library} is only for")
+
+    def test_licence_line(self):
+        self.assertIn("no line", self.problems({"format/src/a.cpp": "int x;\n"})[0])
+        self.assertIn("no line", self.problems({"tools/CMakeLists.txt": "project(x)\n"})[0])
+
+    def test_long_file(self):
+        self.assertEqual(self.problems({"format/src/a.cpp": LICENCE + "\n" * 799}), [])
+        self.assert_breach("format/src/a.cpp", "\n" * 800, "801 lines")
+
+    def test_public_headers_have_one_root(self):
+        self.assert_breach("format/include/stgs/other/a.h", "", "belongs in")
+        self.assert_breach("player/src/include/a.h", "", "belongs in")
+
+    def test_the_top_level_is_closed(self):
+        self.assertIn("vendored: nothing but", self.problems({"vendored/a.txt": ""})[0])
+
+    def test_ignored_folders_are_not_looked_at(self):
+        self.assertEqual(self.problems({".gitignore": "/out/\n", "out/a.cpp": ""}), [])
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,56 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Installs what tools/setup/packages.txt lists and this machine lacks; does nothing otherwise.
+# Exit code 0: everything is there; 1: something could not be installed.
+set -eu
+
+list=$(dirname "$0")/packages.txt
+
+if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+  echo "setup: this is not a Debian system; install the counterparts of these by hand:"
+  grep -v '^#' "$list"
+  echo "setup: going on with what is there"
+  exit 0
+fi
+
+missing=
+for package in $(sed -e '/^#/d' -e 's/ .*//' "$list"); do
+  state=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
+  [ "$state" = installed ] || missing="$missing $package"
+done
+
+if [ -z "$missing" ]; then
+  echo "setup: all packages are installed"
+  exit 0
+fi
+
+echo "setup: installing with apt-get:"
+for package in $missing; do
+  grep "^$package " "$list" | sed 's/^/  /'
+done
+
+as_root=
+if [ "$(id -u)" -ne 0 ]; then
+  if ! command -v sudo >/dev/null; then
+    echo "setup: not root and there is no sudo; as root run: apt-get install$missing" >&2
+    exit 1
+  fi
+  as_root=sudo
+fi
+
+# env after sudo, because sudo drops the caller's environment.
+apt() { $as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq "$@" >"$log" 2>&1; }
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+if ! apt update; then
+  cat "$log" >&2
+  echo "setup: apt-get update failed; is the network there? Needed:$missing" >&2
+  exit 1
+fi
+# shellcheck disable=SC2086  # a list of words is meant
+if ! apt install --no-install-recommends --yes $missing; then
+  tail -n 30 "$log" >&2
+  echo "setup: apt-get could not install:$missing" >&2
+  exit 1
+fi
+echo "setup: done"
