@@ -55,12 +55,13 @@ void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput
   output.depth.reshape(frame.width, frame.height, 1);
   output.transmittance.reshape(frame.width, frame.height, 1);
   output.last.resize(static_cast<std::size_t>(frame.width) * frame.height);
+  const auto blend_tile = settings.scalar ? raster::blend_tile_scalar : raster::blend_tile_vector;
   tbb::parallel_for(0, frame.tiles_x * frame.tiles_y,
-                    [&](int tile) { raster::blend_tile_scalar(frame, settings, tile, output); });
+                    [&](int tile) { blend_tile(frame, settings, tile, output); });
 }
 
 std::string vector_target() {
-  return "scalar";
+  return raster::blend_vector_target();
 }
 
 }  // namespace stgs
