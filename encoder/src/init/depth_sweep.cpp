@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/depth_sweep.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <opencv2/imgproc.hpp>
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr float kTextureFloor = 6.0f;  // variance (grey levels^2) below which nothing correlates
+constexpr float kColourScale = 48.0f;  // difference in grey levels that costs as much as can be
+constexpr float kColourShare = 0.35f;  // of the colour term in the cost
+constexpr int kSmallStep = 10;         // SGM penalties on the 0..255 cost scale
+constexpr int kLargeStep = 60;
+
+// Cost volume: costs of all planes of a pixel lie together.
+struct Volume {
+  cv::Rect region;
+  int planes = 0;
+  std::vector<std::uint8_t> cost;
+  std::size_t at(int x, int y) const { return (std::size_t(y) * region.width + x) * planes; }
+};
+
+// Statistics of a picture in the window around each pixel.
+struct Local {
+  cv::Mat mean, variance;
+};
+
+Local local_statistics(const cv::Mat& grey, int window) {
+  Local out;
+  cv::Mat square;
+  cv::blur(grey, out.mean, {window, window});
+  cv::blur(grey.mul(grey), square, {window, window});
+  out.variance = square - out.mean.mul(out.mean);
+  return out;
+}
+
+// Maps pixel indices of the reference's region to pixel indices of `other`, through the plane at
+// this depth parallel to the reference's image.
+cv::Matx33d plane_homography(const View& reference, const View& other, cv::Point origin,
+                             double depth) {
+  const cv::Matx33d k_other(other.fx, 0, other.cx - 0.5, 0, other.fy, other.cy - 0.5, 0, 0, 1);
+  const cv::Matx33d inverse_k(1 / reference.fx, 0, (origin.x + 0.5 - reference.cx) / reference.fx,
+                              0, 1 / reference.fy, (origin.y + 0.5 - reference.cy) / reference.fy,
+                              0, 0, 1);
+  const cv::Matx33d turn = other.rotation * reference.rotation.t();
+  const cv::Vec3d shift = (other.translation - turn * reference.translation) * (1 / depth);
+  cv::Matx33d m = turn;
+  for (int r = 0; r < 3; ++r) m(r, 2) += shift[r];
+  return k_other * m * inverse_k;
+}
+
+// Cost of one plane against one other view, CV_32F in [0, 1]; negative where it sees nothing.
+cv::Mat pair_cost(const SweepPicture& reference, const cv::Mat& grey, const Local& local,
+                  const SweepPicture& other, cv::Rect region, double depth, int window) {
+  const cv::Matx33d h = plane_homography(reference.view, other.view, region.tl(), depth);
+  const int flags = cv::INTER_LINEAR | cv::WARP_INVERSE_MAP;
+  cv::Mat warped, warped_seen;
+  cv::warpPerspective(other.grey, warped, h, region.size(), flags, cv::BORDER_REPLICATE);
+  cv::warpPerspective(other.usable, warped_seen, h, region.size(),
+                      cv::INTER_NEAREST | cv::WARP_INVERSE_MAP, cv::BORDER_CONSTANT, 0);
+  const Local theirs = local_statistics(warped, window);
+  cv::Mat product;
+  cv::blur(grey.mul(warped), product, {window, window});
+  cv::Mat cost(region.size(), CV_32F);
+  for (int y = 0; y < region.height; ++y) {
+    const float *ma = local.mean.ptr<float>(y), *va = local.variance.ptr<float>(y);
+    const float *mb = theirs.mean.ptr<float>(y), *vb = theirs.variance.ptr<float>(y);
+    const float *ab = product.ptr<float>(y), *a = grey.ptr<float>(y), *b = warped.ptr<float>(y);
+    const std::uint8_t* seen = warped_seen.ptr(y);
+    float* out = cost.ptr<float>(y);
+    for (int x = 0; x < region.width; ++x) {
+      const float covariance = ab[x] - ma[x] * mb[x];
+      const float spread =
+          (std::max(va[x], 0.0f) + kTextureFloor) * (std::max(vb[x], 0.0f) + kTextureFloor);
+      const float correlation = covariance / std::sqrt(spread);
+      const float colour = 0.5f * (std::abs(ma[x] - mb[x]) + std::abs(a[x] - b[x]));
+      const float value = (1 - kColourShare) * std::min(1.0f, 1 - correlation) +
+                          kColourShare * std::min(1.0f, colour / kColourScale);
+      out[x] = seen[x] ? std::clamp(value, 0.0f, 1.0f) : -1.0f;
+    }
+  }
+  return cost;
+}
+
+// The two smallest costs so far of each pixel, and how many views had a say.
+struct Best {
+  cv::Mat first, second, count;  // CV_32F
+};
+
+void keep_best(const cv::Mat& cost, Best* best) {
+  for (int y = 0; y < cost.rows; ++y) {
+    const float* c = cost.ptr<float>(y);
+    float *first = best->first.ptr<float>(y), *second = best->second.ptr<float>(y);
+    float* count = best->count.ptr<float>(y);
+    for (int x = 0; x < cost.cols; ++x) {
+      const float value = c[x] < 0 ? 1.0f : c[x];
+      count[x] += c[x] < 0 ? 0.0f : 1.0f;
+      second[x] = std::min(second[x], std::max(first[x], value));
+      first[x] = std::min(first[x], value);
+    }
+  }
+}
+
+double plane_depth(const SweepSettings& settings, double plane) {
+  return 1.0 / (1.0 / settings.farthest + plane * plane_step(settings));
+}
+
+void fill_volume(const SweepPicture& reference, const std::vector<const SweepPicture*>& others,
+                 const SweepSettings& settings, Volume* volume) {
+  const cv::Rect region = volume->region;
+  const cv::Mat grey = reference.grey(region);
+  const Local local = local_statistics(grey, settings.window);
+  for (int plane = 0; plane < volume->planes; ++plane) {
+    const double depth = plane_depth(settings, plane);
+    const auto filled = [&](double v) { return cv::Mat(region.size(), CV_32F, cv::Scalar(v)); };
+    Best best{filled(1), filled(1), filled(0)};
+    for (const SweepPicture* other : others) {
+      keep_best(pair_cost(reference, grey, local, *other, region, depth, settings.window), &best);
+    }
+    // Occluded views match worst: of three or more the best two count, of two the better one.
+    for (int y = 0; y < region.height; ++y) {
+      const float *first = best.first.ptr<float>(y), *second = best.second.ptr<float>(y);
+      const float* count = best.count.ptr<float>(y);
+      std::uint8_t* out = &volume->cost[volume->at(0, y) + plane];
+      for (int x = 0; x < region.width; ++x) {
+        const float cost = count[x] > 2.5f ? 0.5f * (first[x] + second[x]) : first[x];
+        out[std::size_t(x) * volume->planes] = std::uint8_t(254 * cost + 0.5f);
+      }
+    }
+  }
+}
+
+void forbid_impossible(const View& view, const SweepSettings& settings, Volume* volume) {
+  const cv::Rect region = volume->region;
+  for (int y = 0; y < region.height; ++y) {
+    for (int x = 0; x < region.width; ++x) {
+      const cv::Vec3d ray = view.ray(region.x + x + 0.5, region.y + y + 0.5);
+      for (int plane = 0; plane < volume->planes; ++plane) {
+        const cv::Vec3d point = view.centre + plane_depth(settings, plane) * ray;
+        if (!settings.possible(point)) volume->cost[volume->at(x, y) + plane] = 255;
+      }
+    }
+  }
+}
+
+// Adds the costs of the best paths that reach (x, y) from (x - dx, y - dy) to `sum`.
+void aggregate(const Volume& volume, const cv::Mat& grey, int dx, int dy,
+               std::vector<std::uint16_t>* sum) {
+  const int w = volume.region.width, h = volume.region.height, n = volume.planes;
+  // One row (or one pixel) of path costs back is all that a path needs; padded by a plane a side.
+  std::vector<std::vector<std::uint16_t>> previous(w), current(w);
+  const auto fresh = [n] { return std::vector<std::uint16_t>(n + 2, 0xffff); };
+  for (int x = 0; x < w; ++x) previous[x] = current[x] = fresh();
+  std::vector<int> best_previous(w, 0), best_current(w, 0);
+  for (int j = 0; j < h; ++j) {
+    const int y = dy < 0 ? h - 1 - j : j;
+    for (int i = 0; i < w; ++i) {
+      const int x = dx < 0 ? w - 1 - i : i;
+      const int px = x - dx, py = y - dy;
+      const std::uint8_t* cost = &volume.cost[volume.at(x, y)];
+      std::uint16_t* out = current[x].data() + 1;
+      std::uint16_t* total = &(*sum)[volume.at(x, y)];
+      int best = 0xffff;
+      if (px < 0 || py < 0 || px >= w || py >= h) {
+        for (int d = 0; d < n; ++d) out[d] = cost[d];
+      } else {
+        const std::uint16_t* from = (dy == 0 ? current : previous)[px].data() + 1;
+        const int base = (dy == 0 ? best_current : best_previous)[px];
+        const float edge = std::abs(grey.at<float>(y, x) - grey.at<float>(py, px));
+        const int jump = base + std::max(kSmallStep + 4, int(kLargeStep / (1 + 0.15f * edge)));
+        for (int d = 0; d < n; ++d) {
+          const int side = std::min(from[d - 1], from[d + 1]) + kSmallStep;
+          const int path = std::min({int(from[d]), side, jump});
+          out[d] = std::uint16_t(cost[d] + path - base);
+        }
+      }
+      for (int d = 0; d < n; ++d) {
+        best = std::min(best, int(out[d]));
+        total[d] = std::uint16_t(total[d] + out[d]);
+      }
+      best_current[x] = best;
+    }
+    std::swap(previous, current);
+    std::swap(best_previous, best_current);
+  }
+}
+
+// The cheapest plane of each pixel, refined by a parabola through its neighbours.
+DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, cv::Size size,
+                  const SweepSettings& settings) {
+  DepthMap map{cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
+  const int n = volume.planes;
+  for (int y = 0; y < volume.region.height; ++y) {
+    for (int x = 0; x < volume.region.width; ++x) {
+      const std::uint16_t* s = &sum[volume.at(x, y)];
+      const int best = int(std::min_element(s, s + n) - s);
+      const std::uint8_t cost = volume.cost[volume.at(x, y) + best];
+      if (cost == 255) continue;  // impossible
+      double offset = 0;
+      if (best > 0 && best + 1 < n) {
+        const double curve = double(s[best - 1]) - 2.0 * s[best] + s[best + 1];
+        if (curve > 0) offset = std::clamp(0.5 * (s[best - 1] - s[best + 1]) / curve, -0.5, 0.5);
+      }
+      const cv::Point p(volume.region.x + x, volume.region.y + y);
+      map.depth.at<float>(p) = float(plane_depth(settings, best + offset));
+      map.cost.at<float>(p) = float(cost) / 254.0f;
+    }
+  }
+  return map;
+}
+
+}  // namespace
+
+SweepPicture sweep_picture(const View& view, const cv::Mat& rgb, const cv::Mat& usable) {
+  SweepPicture picture{view, rgb, {}, usable};
+  if (rgb.size() != view.size()) cv::resize(rgb, picture.rgb, view.size(), 0, 0, cv::INTER_AREA);
+  cv::Mat grey;
+  cv::cvtColor(picture.rgb, grey, cv::COLOR_RGB2GRAY);
+  grey.convertTo(picture.grey, CV_32F);
+  if (usable.empty()) {
+    picture.usable = cv::Mat(view.size(), CV_8U, cv::Scalar(255));
+  } else if (usable.size() != view.size()) {
+    cv::resize(usable, picture.usable, view.size(), 0, 0, cv::INTER_NEAREST);
+  }
+  return picture;
+}
+
+double plane_step(const SweepSettings& settings) {
+  return (1.0 / settings.nearest - 1.0 / settings.farthest) / (settings.planes - 1);
+}
+
+DepthMap sweep(const SweepPicture& reference, const std::vector<const SweepPicture*>& others,
+               const SweepSettings& settings) {
+  const cv::Rect all(0, 0, reference.view.width, reference.view.height);
+  Volume volume;
+  volume.region = settings.region.empty() ? all : settings.region & all;
+  volume.planes = settings.planes;
+  volume.cost.assign(std::size_t(volume.region.area()) * volume.planes, 0);
+  fill_volume(reference, others, settings, &volume);
+  if (settings.possible) forbid_impossible(reference.view, settings, &volume);
+  const cv::Mat grey = reference.grey(volume.region);
+  std::vector<std::uint16_t> sum(volume.cost.size(), 0);
+  aggregate(volume, grey, 1, 0, &sum);
+  aggregate(volume, grey, -1, 0, &sum);
+  aggregate(volume, grey, 0, 1, &sum);
+  aggregate(volume, grey, 0, -1, &sum);
+  return read_out(volume, sum, reference.view.size(), settings);
+}
+
+int agreement(const View& view, const DepthMap& map, int x, int y,
+              const std::vector<std::pair<const View*, const DepthMap*>>& others,
+              double tolerance) {
+  const float depth = map.depth.at<float>(y, x);
+  if (depth <= 0) return 0;
+  const cv::Vec3d point = view.at(x + 0.5, y + 0.5, depth);
+  int count = 0;
+  for (const auto& [other, theirs] : others) {
+    const Pixel p = project(*other, point);
+    if (!p.inside) continue;
+    const float d = theirs->depth.at<float>(p.y(), p.x());
+    if (d > 0 && std::abs(1 / d - 1 / p.depth) < tolerance) ++count;
+  }
+  return count;
+}
+
+}  // namespace stgs::encoder::init

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/dynamic_points.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "init/hull.h"
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kNeighbours = 4;
+constexpr int kFewestMaskPixels = 6;
+
+// Depth of the static surface where it was checked, else 0, at the view's size.
+cv::Mat static_depth_of(const Surface& surface, const View& view) {
+  cv::Mat trusted = surface.depth.clone(), out;
+  trusted.setTo(0, surface.weight <= 0);
+  cv::resize(trusted, out, view.size(), 0, 0, cv::INTER_NEAREST);
+  return out;
+}
+
+// Nearest and farthest hull cell that the view sees inside `box`, widened by `slack`.
+bool hull_range(const View& view, const std::vector<cv::Vec3d>& cells, cv::Rect box, double slack,
+                double* near, double* far) {
+  *near = 1e300;
+  *far = 0;
+  for (const cv::Vec3d& cell : cells) {
+    const Pixel p = project(view, cell);
+    if (!p.inside || !box.contains({p.x(), p.y()})) continue;
+    *near = std::min(*near, p.depth);
+    *far = std::max(*far, p.depth);
+  }
+  if (*far <= 0) return false;
+  *near = std::max(0.2 * *near, *near - slack);
+  *far += slack;
+  return true;
+}
+
+struct SweptView {
+  DepthMap map;
+  double step = 0;
+  cv::Mat mask;
+};
+
+Status load_silhouettes(const PreparedCapture& capture, const std::vector<View>& views,
+                        const StaticScene& scene, int frame, std::vector<Silhouette>* out) {
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, views[i], frame));
+    if (mask.empty()) continue;
+    out->push_back(make_silhouette(views[i], mask, static_depth_of(scene.surfaces[i], views[i])));
+  }
+  return {};
+}
+
+// Boxes around the parts of the mask, a few pixels larger; boxes that overlap are joined.
+std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
+  cv::Mat grown, labels, stats, centroids;
+  cv::dilate(mask, grown, cv::Mat(), {-1, -1}, 3);
+  const int n = cv::connectedComponentsWithStats(grown, labels, stats, centroids);
+  std::vector<cv::Rect> boxes;
+  for (int i = 1; i < n; ++i) {
+    cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
+                 stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
+    for (std::size_t k = 0; k < boxes.size();) {
+      if ((boxes[k] & box).empty()) {
+        ++k;
+        continue;
+      }
+      box |= boxes[k];
+      boxes.erase(boxes.begin() + std::ptrdiff_t(k));
+      k = 0;  // the larger box may meet others
+    }
+    boxes.push_back(box);
+  }
+  return boxes;
+}
+
+SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
+                     const std::vector<View>& views, const cv::Mat& mask, const VisualHull& hull,
+                     const std::vector<cv::Vec3d>& cells, const cv::Vec3d& focus) {
+  SweptView out;
+  out.mask = mask;
+  const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
+  if (near.empty() || cv::countNonZero(mask) < kFewestMaskPixels) return out;
+  std::vector<const SweepPicture*> others;
+  for (const int j : near) others.push_back(&pictures[j]);
+  const auto blank = [&](double v) { return cv::Mat(mask.size(), CV_32F, cv::Scalar(v)); };
+  out.map = {blank(0), blank(1)};
+  for (const cv::Rect& box : mask_boxes(mask)) {
+    SweepSettings settings;
+    if (!hull_range(views[i], cells, box, 2 * hull.cell(), &settings.nearest, &settings.farthest)) {
+      continue;
+    }
+    settings.planes =
+        plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 80);
+    settings.region = box;
+    settings.possible = [&hull](const cv::Vec3d& p) { return hull.contains(p); };
+    const DepthMap part = sweep(pictures[i], others, settings);
+    part.depth(box).copyTo(out.map.depth(box));
+    part.cost(box).copyTo(out.map.cost(box));
+    out.step = std::max(out.step, plane_step(settings));
+  }
+  return out;
+}
+
+// Depth inside the mask as a surface; weight above 1 where another swept view agrees.
+Surface surface_of(const SweepPicture& picture, const SweptView& swept,
+                   const std::vector<std::pair<const View*, const DepthMap*>>& others) {
+  Surface surface{picture.view, picture.rgb, swept.map.depth.clone(),
+                  cv::Mat(picture.view.size(), CV_32F, cv::Scalar(0))};
+  for (int y = 0; y < picture.view.height; ++y) {
+    for (int x = 0; x < picture.view.width; ++x) {
+      if (!swept.mask.at<std::uint8_t>(y, x) || surface.depth.at<float>(y, x) <= 0) continue;
+      const float cost = swept.map.cost.at<float>(y, x);
+      const bool agreed = agreement(picture.view, swept.map, x, y, others, 2 * swept.step) > 0;
+      surface.weight.at<float>(y, x) = std::max(0.01f, 1 - cost) + (agreed ? 1.0f : 0.0f);
+    }
+  }
+  return surface;
+}
+
+// Only what another view confirms.
+std::vector<Surface> checked_only(std::vector<Surface> surfaces) {
+  for (Surface& surface : surfaces) {
+    surface.weight = surface.weight.clone();
+    surface.weight.setTo(0, surface.weight <= 1.2f);
+  }
+  return surfaces;
+}
+
+void choose(const std::vector<Surface>& surfaces, double tolerance, int limit, DynamicFrame* out) {
+  const int block = cover_within(checked_only(surfaces), limit, tolerance, &out->points);
+  out->checked = int(out->points.size());
+  // What no other view confirms still needs a start: the hull keeps it near the truth.
+  for (int wide = std::max(3, block);; wide = wide * 5 / 4 + 1) {
+    std::vector<SurfacePoint> all = out->points;
+    cover(surfaces, wide, 3 * tolerance, &all);
+    if (int(all.size()) > limit && wide < 4096) continue;
+    if (int(all.size()) <= limit) out->points = std::move(all);
+    return;
+  }
+}
+
+}  // namespace
+
+Status find_dynamic_points(const PreparedCapture& capture, const std::vector<View>& views,
+                           const StaticScene& scene, int frame, const DynamicSettings& settings,
+                           DynamicFrame* out) {
+  std::vector<Silhouette> silhouettes;
+  STGS_TRY(load_silhouettes(capture, views, scene, frame, &silhouettes));
+  std::size_t with_motion = 0;
+  for (const Silhouette& s : silhouettes) with_motion += cv::countNonZero(s.mask) > 0 ? 1 : 0;
+  if (with_motion < 2) return {};
+  // What moves may come nearer than anything static.
+  const double nearest = 0.6 * scene.range.nearest;
+  const Box bounds = seen_box(views, nearest, scene.range.farthest, std::min(3, int(views.size())));
+  const double cell = 1.5 * scene.focus.depth / silhouettes[0].view.fx;
+  const VisualHull hull = VisualHull::carve(silhouettes, bounds, nearest, cell);
+  out->hull_cells = hull.count();
+  if (hull.empty()) return {};
+  const std::vector<cv::Vec3d> cells = hull.surface();
+
+  std::vector<SweepPicture> pictures;
+  std::vector<View> small;
+  for (const View& view : views) {
+    small.push_back(make_view(*view.camera, settings.longest));
+    STGS_ASSIGN(const cv::Mat rgb, load_picture(capture, small.back(), frame));
+    pictures.push_back(sweep_picture(small.back(), rgb));
+  }
+  std::vector<SweptView> swept(small.size());
+  const std::vector<int> references = spread(small, settings.references);
+  for (const int i : references) {
+    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, small[i], frame));
+    if (mask.empty()) continue;
+    swept[i] = sweep_view(pictures, i, small, mask, hull, cells, scene.focus.point);
+  }
+  std::vector<Surface> surfaces;
+  double tolerance = 0;
+  for (const int i : references) {
+    if (swept[i].map.depth.empty()) continue;
+    std::vector<std::pair<const View*, const DepthMap*>> others;
+    for (const int j : references) {
+      if (j != i && !swept[j].map.depth.empty()) others.emplace_back(&small[j], &swept[j].map);
+    }
+    surfaces.push_back(surface_of(pictures[i], swept[i], others));
+    tolerance = std::max(tolerance, 3 * swept[i].step);
+  }
+  if (!surfaces.empty()) choose(surfaces, tolerance, settings.limit, out);
+  return {};
+}
+
+}  // namespace stgs::encoder::init

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Middlebury .flo: float 202021.25, int32 width, int32 height, then u v as floats, row by row.
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "init/motion.h"
+
+namespace stgs::encoder::init {
+
+Result<cv::Mat> read_flow(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return io_error("{}: cannot open the flow file", path);
+  char header[12];
+  float magic = 0;
+  std::int32_t width = 0, height = 0;
+  if (!file.read(header, sizeof header)) return invalid_file("{}: shorter than its header", path);
+  std::memcpy(&magic, header, 4);
+  std::memcpy(&width, header + 4, 4);
+  std::memcpy(&height, header + 8, 4);
+  if (magic != 202021.25f) return invalid_file("{}: not a Middlebury .flo file", path);
+  if (width < 1 || height < 1 || width > 32768 || height > 32768) {
+    return invalid_file("{}: claims the size {}x{}", path, width, height);
+  }
+  const std::uintmax_t bytes = std::uintmax_t(width) * height * 8;
+  std::error_code error;
+  if (std::filesystem::file_size(path, error) < bytes + 12 || error) {
+    return invalid_file("{}: truncated; {}x{} flow needs {} bytes", path, width, height,
+                        bytes + 12);
+  }
+  cv::Mat flow(height, width, CV_32FC2);
+  if (!file.read(reinterpret_cast<char*>(flow.data), std::streamsize(bytes))) {
+    return io_error("{}: cannot read the flow file", path);
+  }
+  return flow;
+}
+
+}  // namespace stgs::encoder::init

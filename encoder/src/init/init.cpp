@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/init.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "init/bounds.h"
+#include "init/dynamic_points.h"
+#include "init/motion.h"
+#include "init/report.h"
+#include "init/static_points.h"
+#include "init/velocity.h"
+#include "init/work.h"
+
+namespace stgs::encoder {
+namespace {
+
+using namespace init;
+
+constexpr int kMotionLongest = 640;  // pixels of the longer side that motion is found at
+constexpr int kMeasuredFrames = 6;   // frames on which the two kinds of velocity are compared
+
+// Everything that the stages hand on to each other.
+struct State {
+  PreparedCapture& capture;
+  const InitSettings& settings;
+  Work work;
+  std::vector<View> views;
+  std::vector<ViewMotion> motion;
+  StaticScene scene;
+  std::vector<DynamicFrame> frames;
+  std::vector<Velocities> velocities;
+  std::string velocity_kind = "none";
+  std::vector<InitialPoint> static_points, dynamic_points;
+};
+
+int static_limit(const State& state) {
+  if (state.settings.max_static_points > 0) return state.settings.max_static_points;
+  const Camera& camera = *state.views[0].camera;
+  return std::clamp(camera.width * camera.height / 6, 15000, 60000);
+}
+
+int dynamic_limit(const State& state) {
+  if (state.settings.max_dynamic_points > 0) return state.settings.max_dynamic_points;
+  const Camera& camera = *state.views[0].camera;
+  return std::clamp(camera.width * camera.height / 100, 1000, 5000);
+}
+
+Status find_all_motion(State& state) {
+  state.work.stage("motion");
+  state.motion.resize(state.views.size());
+  if (!state.settings.separate_motion) {
+    return state.work.for_each(int(state.views.size()), [&](int i) -> Status {
+      STGS_ASSIGN(state.motion[i].background, load_picture(state.capture, state.views[i], 0));
+      state.motion[i].background_seen = cv::Mat(state.views[i].size(), CV_8U, cv::Scalar(255));
+      return {};
+    });
+  }
+  STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
+    return find_motion(state.capture, state.views[i], state.settings, &state.motion[i]);
+  }));
+  double share = 0;
+  int given = 0;
+  for (const ViewMotion& motion : state.motion) {
+    for (const float c : motion.coverage) share += c / float(motion.coverage.size());
+    given += motion.given_masks ? 1 : 0;
+  }
+  state.work.log(
+      fmt::format("motion: {:.1f} % of the pixels move; masks given for {} of {} cameras",
+                  100 * share / double(state.views.size()), given, state.views.size()));
+  return {};
+}
+
+Status find_static(State& state) {
+  std::vector<std::vector<Still>> stills(1);
+  for (std::size_t i = 0; i < state.views.size(); ++i) {
+    stills[0].push_back(
+        {state.views[i], state.motion[i].background, state.motion[i].background_seen});
+  }
+  state.work.stage("depth range");
+  // Moving things may be nearer than the background: whole frames count for the range too.
+  std::vector<std::vector<Still>> with_frames = stills;
+  for (const int frame : {0, state.capture.frames / 2}) {
+    if (frame > 0 || !state.settings.separate_motion) continue;
+    with_frames.emplace_back();
+    for (const View& view : state.views) {
+      STGS_ASSIGN(const cv::Mat picture, load_picture(state.capture, view, frame));
+      with_frames.back().push_back({view, picture, {}});
+    }
+  }
+  STGS_TRY(find_depth_range(with_frames, state.work, &state.scene));
+  if (!state.scene.range.measured) {
+    state.work.log("depth range: could not be measured, guessed from the cameras", 1);
+  }
+  state.work.log(fmt::format("depth range: {:.3g} to {:.3g}", state.scene.range.nearest,
+                             state.scene.range.farthest));
+  state.work.stage("static depth");
+  return find_static_depth(stills[0], state.work, &state.scene);
+}
+
+// Points that came with the capture, but for those on something that moves in frame 0.
+Result<std::vector<SurfacePoint>> given_points(State& state) {
+  std::vector<SurfacePoint> points;
+  std::vector<cv::Mat> masks(state.views.size());
+  for (std::size_t i = 0; state.settings.separate_motion && i < state.views.size(); ++i) {
+    STGS_ASSIGN(masks[i], load_mask_picture(state.capture, state.views[i], 0));
+  }
+  for (const InitialPoint& point : state.settings.points) {
+    const cv::Vec3d position(point.position[0], point.position[1], point.position[2]);
+    int seen = 0, moving = 0;
+    for (std::size_t i = 0; i < state.views.size(); ++i) {
+      const Pixel p = project(state.views[i], position);
+      if (!p.inside) continue;
+      ++seen;
+      moving += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
+    }
+    if (seen == 0 || 2 * moving > seen) continue;
+    points.push_back({position, {point.colour[0], point.colour[1], point.colour[2]}});
+  }
+  return points;
+}
+
+Status choose_static(State& state) {
+  state.work.stage("static points");
+  STGS_ASSIGN(const std::vector<SurfacePoint> sparse, given_points(state));
+  choose_static_points(sparse, static_limit(state), &state.scene);
+  state.work.log(fmt::format(
+      "static points: {} ({} given or from features, {} from depth, {} "
+      "filled in)",
+      state.scene.points.size(), state.scene.sparse, state.scene.swept, state.scene.filled));
+  return {};
+}
+
+Status find_dynamic(State& state) {
+  state.work.stage("dynamic points");
+  DynamicSettings settings;
+  settings.limit = dynamic_limit(state);
+  state.frames.resize(state.capture.frames);
+  STGS_TRY(state.work.for_each(state.capture.frames, [&](int frame) {
+    return find_dynamic_points(state.capture, state.views, state.scene, frame, settings,
+                               &state.frames[frame]);
+  }));
+  std::size_t points = 0, checked = 0;
+  for (const DynamicFrame& frame : state.frames) {
+    points += frame.points.size();
+    checked += frame.checked;
+  }
+  state.work.log(
+      fmt::format("dynamic points: {} in {} frames, {} of them confirmed by another view", points,
+                  state.frames.size(), checked));
+  return {};
+}
+
+// Both kinds of velocity for a frame. The last frame looks back.
+void velocities_of(const State& state, int frame, Velocities* matched, Velocities* flowed) {
+  const int last = state.capture.frames - 1;
+  const std::vector<SurfacePoint>& points = state.frames[frame].points;
+  // Faster than this a frame is not plausible: a thirtieth of the way across the picture.
+  const double reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
+  if (last == 0 || points.empty()) {
+    matched->assign(points.size(), cv::Vec3d(0, 0, 0));
+    *flowed = *matched;
+    return;
+  }
+  const int other = frame < last ? frame + 1 : frame - 1;
+  *matched = match_velocities(points, state.frames[other].points, reach, frame < last ? 1 : -1);
+  if (frame < last) {
+    *flowed = flow_velocities(points, state.views, state.motion, frame, reach);
+    *flowed = settled(*flowed, *matched);
+  }
+  *matched = settled(*matched, *matched);
+}
+
+// The last frame has no flow of its own: its points take the velocity of the nearest ones before.
+Velocities carried_over(const DynamicFrame& last, const DynamicFrame& before,
+                        const Velocities& velocities) {
+  Velocities out(last.points.size(), cv::Vec3d(0, 0, 0));
+  for (std::size_t i = 0; i < last.points.size(); ++i) {
+    double best = 1e300;
+    for (std::size_t k = 0; k < before.points.size(); ++k) {
+      const double d =
+          cv::norm(before.points[k].position + velocities[k] - last.points[i].position);
+      if (d < best) best = d, out[i] = velocities[k];
+    }
+  }
+  return out;
+}
+
+Status find_velocities(State& state) {
+  state.work.stage("velocities");
+  const int frames = state.capture.frames;
+  std::vector<Velocities> matched(frames), flowed(frames);
+  STGS_TRY(state.work.for_each(frames, [&](int frame) -> Status {
+    velocities_of(state, frame, &matched[frame], &flowed[frame]);
+    return {};
+  }));
+  if (frames > 1) {
+    flowed[frames - 1] =
+        carried_over(state.frames[frames - 1], state.frames[frames - 2], flowed[frames - 2]);
+  }
+  struct Measured {
+    MotionFit still, matched, flowed;
+  };
+  const int count = std::min(frames - 1, kMeasuredFrames);
+  std::vector<Measured> measured(std::max(0, count));
+  STGS_TRY(state.work.for_each(count, [&](int i) -> Status {
+    const int frame = count == 1 ? 0 : i * (frames - 2) / (count - 1);
+    const std::vector<SurfacePoint>& points = state.frames[frame].points;
+    const Velocities zero(points.size(), cv::Vec3d(0, 0, 0));
+    const auto fit = [&](const Velocities& v) {
+      return measure_motion(state.capture, state.views, points, v, frame + 1);
+    };
+    STGS_ASSIGN(measured[i].still, fit(zero));
+    STGS_ASSIGN(measured[i].matched, fit(matched[frame]));
+    STGS_ASSIGN(measured[i].flowed, fit(flowed[frame]));
+    return {};
+  }));
+  double still = 0, by_match = 0, by_flow = 0;
+  for (const Measured& m : measured) {
+    if (m.still.samples == 0) continue;
+    still += m.still.badness() / count;
+    by_match += m.matched.badness() / count;
+    by_flow += m.flowed.badness() / count;
+  }
+  const bool flow_wins = by_flow < by_match;
+  state.velocities = flow_wins ? flowed : matched;
+  state.velocity_kind = flow_wins ? "lifted flow" : "nearest neighbours";
+  state.work.log(
+      fmt::format("velocities: {} (misfit in the next frame: at rest {:.2f}, nearest "
+                  "neighbours {:.2f}, lifted flow {:.2f})",
+                  state.velocity_kind, still, by_match, by_flow));
+  return {};
+}
+
+InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity, int frame) {
+  InitialPoint out{};
+  for (int k = 0; k < 3; ++k) {
+    out.position[k] = float(point.position[k]);
+    out.colour[k] = point.colour[k];
+    out.velocity[k] = float(velocity[k]);
+  }
+  out.frame = frame;
+  return out;
+}
+
+void collect_points(State& state) {
+  const cv::Vec3d rest(0, 0, 0);
+  for (const SurfacePoint& point : state.scene.points) {
+    state.static_points.push_back(initial_point(point, rest, -1));
+  }
+  for (std::size_t f = 0; f < state.frames.size(); ++f) {
+    for (std::size_t i = 0; i < state.frames[f].points.size(); ++i) {
+      state.dynamic_points.push_back(
+          initial_point(state.frames[f].points[i], state.velocities[f][i], int(f)));
+    }
+  }
+  std::vector<InitialPoint> all = state.static_points;
+  all.insert(all.end(), state.dynamic_points.begin(), state.dynamic_points.end());
+  set_bounds(state.views, all, &state.capture);
+  drop_too_near(state.views, state.capture.near_plane, &state.static_points);
+  drop_too_near(state.views, state.capture.near_plane, &state.dynamic_points);
+  state.work.log(fmt::format(
+      "scene: centre ({:.3g}, {:.3g}, {:.3g}), radius {:.3g}, near plane "
+      "{:.3g}",
+      state.capture.scene_centre[0], state.capture.scene_centre[1], state.capture.scene_centre[2],
+      state.capture.scene_radius, state.capture.near_plane));
+}
+
+ReportFacts facts_of(const State& state) {
+  ReportFacts facts;
+  const auto add = [&](const char* name, const std::string& value) {
+    facts.lines.emplace_back(name, value);
+  };
+  add("static points", fmt::format("{} ({} given or from features, {} from depth, {} filled in)",
+                                   state.static_points.size(), state.scene.sparse,
+                                   state.scene.swept, state.scene.filled));
+  add("dynamic points", fmt::format("{}, {:.0f} a frame", state.dynamic_points.size(),
+                                    double(state.dynamic_points.size()) / state.capture.frames));
+  add("velocities from", state.velocity_kind);
+  add("depth range",
+      fmt::format("{:.3g} to {:.3g}{}", state.scene.range.nearest, state.scene.range.farthest,
+                  state.scene.range.measured ? "" : " (guessed)"));
+  add("near plane", fmt::format("{:.3g}", state.capture.near_plane));
+  add("scene radius", fmt::format("{:.3g}", state.capture.scene_radius));
+  facts.seconds = state.work.timings();
+  return facts;
+}
+
+Status run(State& state) {
+  state.views = training_views(state.capture, kMotionLongest);
+  if (state.views.empty()) {
+    return usage_error("{}: every camera is held out; leave some for training",
+                       state.capture.folder);
+  }
+  STGS_TRY(find_all_motion(state));
+  STGS_TRY(find_static(state));
+  STGS_TRY(choose_static(state));
+  if (state.settings.separate_motion) {
+    STGS_TRY(find_dynamic(state));
+    STGS_TRY(find_velocities(state));
+  }
+  collect_points(state);
+  const std::string& folder = state.capture.folder;
+  STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
+  STGS_TRY(write_points(folder + "/points_dynamic.ply", state.dynamic_points));
+  if (state.settings.write_report) {
+    state.work.stage("report");
+    STGS_TRY(write_report(state.capture, state.views, state.scene, state.motion,
+                          state.static_points, state.dynamic_points, facts_of(state)));
+  }
+  for (const auto& [stage, seconds] : state.work.timings()) {
+    state.work.log(fmt::format("{}: {:.1f} s", stage, seconds), 3);
+  }
+  return {};
+}
+
+}  // namespace
+
+Status initialise(PreparedCapture& capture, const InitSettings& settings,
+                  const ProgressSink& progress, const LogSink& log) {
+  State state{capture, settings, Work(progress, log), {}, {}, {}, {}, {}, "none", {}, {}};
+  return guarded("initialisation", [&] { return run(state); });
+}
+
+}  // namespace stgs::encoder

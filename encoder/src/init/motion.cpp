@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kBackgroundSamples = 25;
+// Flow that does not come back to within this many pixels (plus 5 % of its length) is dropped.
+constexpr double kRoundTrip = 0.75;
+
+struct Background {
+  cv::Mat colour, seen;  // 8-bit RGB; 8-bit 0 or 255
+  double noise = 1;      // standard deviation of a still pixel, grey levels
+};
+
+// Median over the samples of each channel, over the samples whose mask is 0 (an empty mask is 0
+// everywhere). Noise: the median over pixels of the median absolute deviation of green.
+Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
+  const cv::Size size = samples[0].size();
+  Background out{cv::Mat(size, CV_8UC3, cv::Scalar::all(0)), cv::Mat(size, CV_8U, cv::Scalar(0)),
+                 1};
+  std::vector<int> histogram(256, 0);
+  std::uint8_t values[3][kBackgroundSamples];
+  long counted = 0;
+  for (int y = 0; y < size.height; ++y) {
+    for (int x = 0; x < size.width; ++x) {
+      int n = 0;
+      for (std::size_t s = 0; s < samples.size(); ++s) {
+        if (!masks[s].empty() && masks[s].at<std::uint8_t>(y, x)) continue;
+        const cv::Vec3b c = samples[s].at<cv::Vec3b>(y, x);
+        for (int k = 0; k < 3; ++k) values[k][n] = c[k];
+        ++n;
+      }
+      if (n == 0) continue;
+      cv::Vec3b& colour = out.colour.at<cv::Vec3b>(y, x);
+      for (int k = 0; k < 3; ++k) {
+        std::nth_element(values[k], values[k] + n / 2, values[k] + n);
+        colour[k] = values[k][n / 2];
+      }
+      out.seen.at<std::uint8_t>(y, x) = 255;
+      for (int i = 0; i < n; ++i) values[1][i] = std::uint8_t(std::abs(values[1][i] - colour[1]));
+      std::nth_element(values[1], values[1] + n / 2, values[1] + n);
+      ++histogram[values[1][n / 2]];
+      ++counted;
+    }
+  }
+  long below = 0;
+  for (int level = 0; level < 256 && counted > 0; ++level) {
+    // Inside a level the values are taken as evenly spread.
+    if (2 * (below + histogram[level]) >= counted) {
+      const double inside = (0.5 * double(counted) - double(below)) / histogram[level];
+      out.noise = std::clamp(1.4826 * (level - 0.5 + inside), 0.7, 12.0);
+      break;
+    }
+    below += histogram[level];
+  }
+  return out;
+}
+
+// Largest channel difference after a light blur, 8-bit.
+cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
+  cv::Mat blurred_a, blurred_b, d;
+  cv::blur(a, blurred_a, {3, 3});
+  cv::blur(b, blurred_b, {3, 3});
+  cv::absdiff(blurred_a, blurred_b, d);
+  cv::Mat channels[3];
+  cv::split(d, channels);
+  return cv::max(cv::max(channels[0], channels[1]), channels[2]);
+}
+
+// Difference that counts as a change, a pixel: noise, and misregistration at edges.
+cv::Mat change_threshold(const cv::Mat& background, double noise) {
+  cv::Mat grey, dx, dy, slope;
+  cv::cvtColor(background, grey, cv::COLOR_RGB2GRAY);
+  cv::blur(grey, grey, {3, 3});
+  cv::Sobel(grey, dx, CV_32F, 1, 0, 3, 1.0 / 8);
+  cv::Sobel(grey, dy, CV_32F, 0, 1, 3, 1.0 / 8);
+  cv::magnitude(dx, dy, slope);
+  cv::dilate(slope, slope, cv::Mat());
+  return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
+}
+
+// Components of `weak` that contain something of `strong`.
+cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
+  cv::Mat labels, stats, centroids;
+  const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
+  std::vector<std::uint8_t> keep(n, 0);
+  for (int y = 0; y < weak.rows; ++y) {
+    const int* label = labels.ptr<int>(y);
+    const std::uint8_t* seed = strong.ptr(y);
+    for (int x = 0; x < weak.cols; ++x) {
+      if (seed[x] && label[x] > 0) keep[label[x]] = 255;
+    }
+  }
+  for (int i = 1; i < n; ++i) {
+    if (stats.at<int>(i, cv::CC_STAT_AREA) < smallest) keep[i] = 0;
+  }
+  cv::Mat out(weak.size(), CV_8U);
+  for (int y = 0; y < weak.rows; ++y) {
+    for (int x = 0; x < weak.cols; ++x) {
+      out.at<std::uint8_t>(y, x) = keep[labels.at<int>(y, x)];
+    }
+  }
+  return out;
+}
+
+cv::Mat clean(const cv::Mat& weak, const cv::Mat& strong) {
+  const int smallest = std::max(8, int(weak.total() / 12000));
+  cv::Mat mask = hysteresis(weak, strong, smallest);
+  cv::morphologyEx(mask, mask, cv::MORPH_CLOSE,
+                   cv::getStructuringElement(cv::MORPH_ELLIPSE, {5, 5}));
+  cv::morphologyEx(mask, mask, cv::MORPH_OPEN, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
+  mask = hysteresis(mask, strong, smallest);
+  cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
+  return mask;
+}
+
+cv::Mat grey_of(const cv::Mat& rgb) {
+  cv::Mat grey;
+  cv::cvtColor(rgb, grey, cv::COLOR_RGB2GRAY);
+  return grey;
+}
+
+cv::Mat not_a_number(cv::Size size) {
+  return cv::Mat(size, CV_32FC2, cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
+}
+
+// Dense flow from a to b; NaN where the way back does not agree. DIS refuses tiny pictures.
+cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b) {
+  if (a.cols < 32 || a.rows < 32) return not_a_number(a.size());
+  cv::Mat forward, back;
+  dis.calc(a, b, forward);
+  dis.calc(b, a, back);
+  for (int y = 0; y < a.rows; ++y) {
+    for (int x = 0; x < a.cols; ++x) {
+      cv::Vec2f& f = forward.at<cv::Vec2f>(y, x);
+      const int tx = x + int(std::lround(f[0])), ty = y + int(std::lround(f[1]));
+      bool good = tx >= 0 && ty >= 0 && tx < a.cols && ty < a.rows;
+      if (good) {
+        const cv::Vec2f r = back.at<cv::Vec2f>(ty, tx);
+        good = std::hypot(f[0] + r[0], f[1] + r[1]) < kRoundTrip + 0.05 * std::hypot(f[0], f[1]);
+      }
+      if (!good) f = cv::Vec2f::all(std::numeric_limits<float>::quiet_NaN());
+    }
+  }
+  return forward;
+}
+
+// 255 where the flow is known and clearly longer than what still pixels show.
+cv::Mat moving_by_flow(const cv::Mat& flow) {
+  cv::Mat mask(flow.size(), CV_8U, cv::Scalar(0));
+  std::vector<float> lengths;
+  for (int y = 0; y < flow.rows; y += 2) {
+    for (int x = 0; x < flow.cols; x += 2) {
+      const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
+      if (f[0] == f[0]) lengths.push_back(std::hypot(f[0], f[1]));
+    }
+  }
+  if (lengths.empty()) return mask;
+  std::nth_element(lengths.begin(), lengths.begin() + lengths.size() / 2, lengths.end());
+  const float threshold = std::clamp(5 * lengths[lengths.size() / 2], 0.4f, 1.0f);
+  for (int y = 0; y < flow.rows; ++y) {
+    for (int x = 0; x < flow.cols; ++x) {
+      const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
+      if (std::hypot(f[0], f[1]) > threshold) mask.at<std::uint8_t>(y, x) = 255;
+    }
+  }
+  return mask;
+}
+
+FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
+  FlowPatch patch;
+  patch.step = 2;
+  std::vector<cv::Point> points;
+  if (flow.empty() || cv::countNonZero(mask) == 0) return patch;
+  const cv::Rect full = cv::boundingRect(mask);
+  patch.box = {full.x / 2, full.y / 2, (full.width + 1) / 2, (full.height + 1) / 2};
+  patch.vectors = cv::Mat(patch.box.size(), CV_16SC2, cv::Scalar::all(FlowPatch::kNoFlow));
+  for (int y = 0; y < patch.box.height; ++y) {
+    for (int x = 0; x < patch.box.width; ++x) {
+      const int px = std::min(2 * (patch.box.x + x), flow.cols - 1);
+      const int py = std::min(2 * (patch.box.y + y), flow.rows - 1);
+      const cv::Vec2f f = flow.at<cv::Vec2f>(py, px);
+      if (!mask.at<std::uint8_t>(py, px) || !(std::abs(f[0]) < 1000 && std::abs(f[1]) < 1000)) {
+        continue;
+      }
+      patch.vectors.at<cv::Vec2s>(y, x) = {short(std::lround(f[0] / FlowPatch::kUnit)),
+                                           short(std::lround(f[1] / FlowPatch::kUnit))};
+    }
+  }
+  return patch;
+}
+
+// Given flow at the view's size; empty where there is no file for the frame.
+Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
+                           const std::string& folder, int frame) {
+  const std::string path =
+      fmt::format("{}/{}/{:06}.flo", folder, view.camera->name, capture.first_frame + frame);
+  if (folder.empty() || !std::filesystem::exists(path)) return cv::Mat();
+  STGS_ASSIGN(cv::Mat flow, read_flow(path));
+  const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;
+  cv::resize(flow, flow, view.size(), 0, 0, cv::INTER_NEAREST);
+  cv::multiply(flow, cv::Scalar(sx, sy), flow);
+  return flow;
+}
+
+Status write_mask(const PreparedCapture& capture, const View& view, int frame,
+                  const cv::Mat& mask) {
+  cv::Mat full;
+  const cv::Size size(view.camera->width, view.camera->height);
+  cv::resize(mask, full, size, 0, 0, cv::INTER_LINEAR);
+  return write_png(capture.mask_path(*view.camera, frame), full >= 128);
+}
+
+Result<Background> find_background(const PreparedCapture& capture, const View& view,
+                                   bool use_masks) {
+  std::vector<cv::Mat> samples, masks;
+  const int count = std::min(capture.frames, kBackgroundSamples);
+  for (int i = 0; i < count; ++i) {
+    const int frame = count == 1 ? 0 : int(std::int64_t(i) * (capture.frames - 1) / (count - 1));
+    STGS_ASSIGN(samples.emplace_back(), load_picture(capture, view, frame));
+    masks.emplace_back();
+    if (!use_masks) continue;
+    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, view, frame));
+    // Masks made elsewhere often leave out an object's blurred border.
+    if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
+  }
+  return median_of(samples, masks);
+}
+
+}  // namespace
+
+bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
+  if (vectors.empty() || u < 0 || v < 0) return false;
+  const int x = int(u / step) - box.x, y = int(v / step) - box.y;
+  if (x < 0 || y < 0 || x >= box.width || y >= box.height) return false;
+  const cv::Vec2s f = vectors.at<cv::Vec2s>(y, x);
+  if (f[0] == kNoFlow) return false;
+  *flow = {f[0] * kUnit, f[1] * kUnit};
+  return true;
+}
+
+Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
+                   ViewMotion* motion) {
+  namespace fs = std::filesystem;
+  motion->given_masks = fs::exists(capture.mask_path(*view.camera, 0));
+  STGS_ASSIGN(const Background background, find_background(capture, view, motion->given_masks));
+  motion->background = background.colour;
+  motion->background_seen = background.seen;
+  motion->flow.resize(capture.frames);
+  motion->coverage.assign(capture.frames, 0);
+  if (!motion->given_masks) {
+    std::error_code error;
+    fs::create_directories(fs::path(capture.mask_path(*view.camera, 0)).parent_path(), error);
+    if (error) return io_error("{}/masks: cannot be made: {}", capture.folder, error.message());
+  }
+  const cv::Mat threshold = change_threshold(background.colour, background.noise);
+  const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+  STGS_ASSIGN(cv::Mat picture, load_picture(capture, view, 0));
+  cv::Mat moved_here(view.size(), CV_8U, cv::Scalar(0));  // by the flow into this frame
+  for (int frame = 0; frame < capture.frames; ++frame) {
+    cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0)), mask;
+    if (frame + 1 < capture.frames) {
+      STGS_ASSIGN(next, load_picture(capture, view, frame + 1));
+      STGS_ASSIGN(flow, given_flow(capture, view, settings.flow_folder, frame));
+      if (flow.empty()) flow = checked_flow(*dis, grey_of(picture), grey_of(next));
+      leaving = moving_by_flow(flow);
+    }
+    if (motion->given_masks) {
+      STGS_ASSIGN(mask, load_mask_picture(capture, view, frame));
+      if (mask.empty()) mask = cv::Mat(view.size(), CV_8U, cv::Scalar(0));
+    } else {
+      cv::Mat change;
+      difference(picture, background.colour).convertTo(change, CV_32F);
+      const cv::Mat flowing = leaving | moved_here;
+      const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
+      const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
+      mask = clean(weak, strong);
+      STGS_TRY(write_mask(capture, view, frame, mask));
+    }
+    motion->coverage[frame] = float(cv::countNonZero(mask)) / float(mask.total());
+    motion->flow[frame] = pack_flow(flow, mask);
+    moved_here = leaving;
+    picture = next;
+  }
+  return {};
+}
+
+}  // namespace stgs::encoder::init

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <opencv2/imgproc.hpp>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs::encoder::init {
+namespace {
+
+// A page section: pictures of one camera and frame.
+struct Section {
+  std::string title;
+  std::vector<std::pair<std::string, std::string>> pictures;  // file, caption
+};
+
+cv::Scalar rgb_of(const InitialPoint& point) {
+  return {double(point.colour[0]), double(point.colour[1]), double(point.colour[2])};
+}
+
+cv::Vec3d position_of(const InitialPoint& p) {
+  return {p.position[0], p.position[1], p.position[2]};
+}
+
+// Back to front, as small squares in the points' colours.
+cv::Mat draw_points(const View& view, const std::vector<InitialPoint>& points, cv::Mat canvas,
+                    int frame, int half) {
+  std::vector<std::pair<double, std::size_t>> order;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (points[i].frame != frame) continue;
+    const Pixel p = project(view, position_of(points[i]));
+    if (p.inside) order.emplace_back(-p.depth, i);
+  }
+  std::sort(order.begin(), order.end());
+  for (const auto& [depth, i] : order) {
+    const Pixel p = project(view, position_of(points[i]));
+    cv::rectangle(canvas, cv::Point(p.x() - half, p.y() - half),
+                  cv::Point(p.x() + half, p.y() + half), rgb_of(points[i]), cv::FILLED);
+  }
+  return canvas;
+}
+
+void draw_velocities(const View& view, const std::vector<InitialPoint>& points, int frame,
+                     cv::Mat* canvas) {
+  int n = 0;
+  for (const InitialPoint& point : points) {
+    if (point.frame != frame || n++ % 6 != 0) continue;
+    const cv::Vec3d from = position_of(point);
+    const cv::Vec3d to =
+        from + 4.0 * cv::Vec3d(point.velocity[0], point.velocity[1], point.velocity[2]);
+    const Pixel a = project(view, from), b = project(view, to);
+    if (!a.inside || b.depth <= 0 || std::hypot(b.u - a.u, b.v - a.v) > view.width) continue;
+    cv::arrowedLine(*canvas, {a.x(), a.y()}, {int(b.u), int(b.v)}, {255, 255, 0}, 1, cv::LINE_AA, 0,
+                    0.3);
+  }
+}
+
+cv::Mat overlay(const cv::Mat& picture, const cv::Mat& mask) {
+  cv::Mat out = picture.clone();
+  if (mask.empty()) return out;
+  cv::Mat red(picture.size(), CV_8UC3, cv::Scalar(255, 40, 40)), mixed;
+  cv::addWeighted(picture, 0.45, red, 0.55, 0, mixed);
+  mixed.copyTo(out, mask);
+  std::vector<std::vector<cv::Point>> contours;
+  cv::findContours(mask.clone(), contours, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
+  cv::drawContours(out, contours, -1, {255, 255, 255}, 1);
+  return out;
+}
+
+// Inverse depth in colours, darker where it was filled rather than measured.
+cv::Mat depth_picture(const Surface& surface, DepthRange range) {
+  cv::Mat level(surface.depth.size(), CV_8U), colours;
+  for (int y = 0; y < level.rows; ++y) {
+    for (int x = 0; x < level.cols; ++x) {
+      const double inverse = 1 / std::max(1e-9, double(surface.depth.at<float>(y, x)));
+      const double share =
+          (inverse - 1 / range.farthest) / (1 / range.nearest - 1 / range.farthest);
+      level.at<std::uint8_t>(y, x) = std::uint8_t(std::clamp(255 * share, 0.0, 255.0));
+    }
+  }
+  cv::applyColorMap(level, colours, cv::COLORMAP_TURBO);
+  cv::cvtColor(colours, colours, cv::COLOR_BGR2RGB);
+  cv::Mat dark = colours * 0.35;
+  dark.copyTo(colours, surface.weight <= 0);
+  return colours;
+}
+
+std::string page_of(const PreparedCapture& capture, const ReportFacts& facts,
+                    const std::vector<Section>& sections) {
+  std::string html =
+      "<!doctype html><meta charset=\"utf-8\"><title>Prepared capture</title>"
+      "<style>body{font-family:sans-serif;margin:2em}table{border-collapse:collapse}"
+      "td{padding:.2em 1em .2em 0}figure{display:inline-block;margin:.5em}"
+      "img{max-width:480px;image-rendering:pixelated}</style>\n<h1>Prepared capture</h1>\n";
+  html += fmt::format("<p>{} cameras, {} frames, from {}.</p>\n<table>\n", capture.cameras.size(),
+                      capture.frames, capture.source);
+  for (const auto& [name, value] : facts.lines) {
+    html += fmt::format("<tr><td>{}</td><td>{}</td></tr>\n", name, value);
+  }
+  html += "</table>\n<h2>Time</h2>\n<table>\n";
+  for (const auto& [name, seconds] : facts.seconds) {
+    html += fmt::format("<tr><td>{}</td><td>{:.1f} s</td></tr>\n", name, seconds);
+  }
+  html += "</table>\n";
+  for (const Section& section : sections) {
+    html += fmt::format("<h2>{}</h2>\n", section.title);
+    for (const auto& [file, caption] : section.pictures) {
+      html += fmt::format("<figure><img src=\"{}\"><figcaption>{}</figcaption></figure>\n", file,
+                          caption);
+    }
+  }
+  return html;
+}
+
+}  // namespace
+
+Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
+                    const StaticScene& scene, const std::vector<ViewMotion>& motion,
+                    const std::vector<InitialPoint>& static_points,
+                    const std::vector<InitialPoint>& dynamic_points, const ReportFacts& facts) {
+  const std::string folder = capture.folder + "/report";
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return io_error("{}: cannot be made: {}", folder, error.message());
+  std::vector<Section> sections;
+  std::vector<int> frames{0, capture.frames / 2};
+  if (frames[1] == 0) frames.pop_back();
+  for (const int i : spread(views, 4)) {
+    const View& view = views[i];
+    const std::string& name = view.camera->name;
+    Section section{fmt::format("Camera {}", name), {}};
+    const auto add = [&](const std::string& kind, const std::string& caption,
+                         const cv::Mat& picture) -> Status {
+      const std::string file = fmt::format("{}_{}.png", name, kind);
+      section.pictures.emplace_back(file, caption);
+      return write_png(folder + "/" + file, picture);
+    };
+    if (i < int(motion.size()) && !motion[i].background.empty()) {
+      STGS_TRY(add("background", "median background", motion[i].background));
+    }
+    if (i < int(scene.surfaces.size())) {
+      STGS_TRY(add("depth", "depth of the background (dark: filled in)",
+                   depth_picture(scene.surfaces[i], scene.range)));
+    }
+    cv::Mat canvas(view.size(), CV_8UC3, cv::Scalar::all(0));
+    canvas = draw_points(view, static_points, canvas, -1, 1);
+    STGS_TRY(add("static", "static points", canvas));
+    for (const int frame : frames) {
+      STGS_ASSIGN(const cv::Mat picture, load_picture(capture, view, frame));
+      STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, view, frame));
+      STGS_TRY(add(fmt::format("mask_{:06}", frame), fmt::format("what moves, frame {}", frame),
+                   overlay(picture, mask)));
+      cv::Mat dim = picture * 0.3;
+      dim = draw_points(view, dynamic_points, dim, frame, 1);
+      draw_velocities(view, dynamic_points, frame, &dim);
+      STGS_TRY(add(fmt::format("dynamic_{:06}", frame),
+                   fmt::format("dynamic points and their motion over 4 frames, frame {}", frame),
+                   dim));
+    }
+    sections.push_back(std::move(section));
+  }
+  const std::string html = page_of(capture, facts, sections);
+  return write_file_atomically(folder + "/index.html",
+                               {reinterpret_cast<const std::uint8_t*>(html.data()), html.size()});
+}
+
+}  // namespace stgs::encoder::init

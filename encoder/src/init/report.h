@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// report/ of a prepared capture: pictures and a page for a person to look at.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "init/motion.h"
+#include "init/static_points.h"
+#include "init/view.h"
+#include "init/work.h"
+
+namespace stgs::encoder::init {
+
+struct ReportFacts {
+  std::vector<std::pair<std::string, std::string>> lines;  // name, value
+  std::vector<std::pair<std::string, double>> seconds;     // stage, seconds
+};
+
+// Writes report/index.html and its pictures: mask overlays, static points and depth, dynamic
+// points with their velocities.
+Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
+                    const StaticScene& scene, const std::vector<ViewMotion>& motion,
+                    const std::vector<InitialPoint>& static_points,
+                    const std::vector<InitialPoint>& dynamic_points, const ReportFacts& facts);
+
+}  // namespace stgs::encoder::init

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/static_points.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kCoarseLongest = 160;  // pixels of the coarse sweep
+constexpr int kCoarsePlanes = 96;
+constexpr int kNeighbours = 4;
+constexpr double kAgreeSteps = 1.5;  // planes by which two views may differ
+constexpr float kWorstCost = 0.6f;
+
+// Median over the views of the distance to the nearest other view.
+double median_baseline(const std::vector<View>& views) {
+  std::vector<double> distances;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    double nearest = 1e300;
+    for (std::size_t j = 0; j < views.size(); ++j) {
+      const double d = cv::norm(views[i].centre - views[j].centre);
+      if (i != j && d > 1e-9) nearest = std::min(nearest, d);
+    }
+    if (nearest < 1e300) distances.push_back(nearest);
+  }
+  if (distances.empty()) return 0;
+  std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
+  return distances[distances.size() / 2];
+}
+
+// As wide as the cameras can measure: disparities from half a picture down to half a pixel.
+DepthRange widest_range(const std::vector<View>& views, const Focus& focus) {
+  const double baseline = median_baseline(views);
+  const View& view = views[0];
+  DepthRange range;
+  range.nearest = view.fx * baseline / (0.5 * view.width);
+  range.farthest = view.fx * baseline / 0.5;
+  if (focus.depth > 0) {
+    range.nearest = std::min(range.nearest, 0.25 * focus.depth);
+    range.farthest = std::min(std::max(range.farthest, 3 * focus.depth), 40 * focus.depth);
+  }
+  if (baseline <= 0) range.nearest = 1, range.farthest = 10;
+  return range;
+}
+
+int needed_agreement(std::size_t views) {
+  return views >= 5 ? 2 : 1;
+}
+
+// Depth maps of all stills, each against its neighbours.
+Status sweep_all(const std::vector<Still>& stills, const cv::Vec3d& focus, DepthRange range,
+                 int longest, int low_planes, int high_planes, Work& work,
+                 std::vector<SweepPicture>* pictures, std::vector<DepthMap>* maps,
+                 std::vector<double>* steps) {
+  for (const Still& still : stills) {
+    pictures->push_back(
+        sweep_picture(make_view(*still.view.camera, longest), still.rgb, still.usable));
+  }
+  std::vector<View> views;
+  for (const SweepPicture& picture : *pictures) views.push_back(picture.view);
+  maps->resize(stills.size());
+  steps->resize(stills.size());
+  return work.for_each(int(stills.size()), [&](int i) -> Status {
+    const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
+    std::vector<const SweepPicture*> others;
+    for (const int j : near) others.push_back(&(*pictures)[j]);
+    SweepSettings settings;
+    settings.nearest = range.nearest;
+    settings.farthest = range.farthest;
+    settings.planes =
+        plane_count(views[i], views, near, range.nearest, range.farthest, low_planes, high_planes);
+    settings.window = 5;
+    (*steps)[i] = plane_step(settings);
+    (*maps)[i] = others.empty() ? DepthMap{cv::Mat(views[i].size(), CV_32F, cv::Scalar(0)),
+                                           cv::Mat(views[i].size(), CV_32F, cv::Scalar(1))}
+                                : sweep((*pictures)[i], others, settings);
+    return {};
+  });
+}
+
+// Weight above 0 where enough other views agree; depth is left as it is.
+cv::Mat check_across(const std::vector<SweepPicture>& pictures, const std::vector<DepthMap>& maps,
+                     int i, const cv::Vec3d& focus, double step) {
+  std::vector<View> views;
+  for (const SweepPicture& picture : pictures) views.push_back(picture.view);
+  std::vector<std::pair<const View*, const DepthMap*>> others;
+  for (const int j : neighbours(views, i, focus, 2 * kNeighbours)) {
+    others.emplace_back(&pictures[j].view, &maps[j]);
+  }
+  const int needed = needed_agreement(pictures.size());
+  cv::Mat weight(views[i].size(), CV_32F, cv::Scalar(0));
+  for (int y = 0; y < weight.rows; ++y) {
+    for (int x = 0; x < weight.cols; ++x) {
+      const float cost = maps[i].cost.at<float>(y, x);
+      if (cost > kWorstCost || !pictures[i].usable.at<std::uint8_t>(y, x)) continue;
+      const int agree = agreement(views[i], maps[i], x, y, others, kAgreeSteps * step);
+      if (agree >= needed) weight.at<float>(y, x) = 1.05f - cost + 0.1f * float(agree - needed);
+    }
+  }
+  return weight;
+}
+
+// Fills inverse depth where the weight is 0 from what surrounds it: the nearest checked values of
+// ever coarser pictures.
+cv::Mat fill_depth(const cv::Mat& depth, const cv::Mat& weight, double fallback) {
+  const cv::Mat known = weight > 0;
+  cv::Mat inverse(depth.size(), CV_32F, cv::Scalar(0)), mass(depth.size(), CV_32F, cv::Scalar(0));
+  mass.setTo(1, known);
+  for (int y = 0; y < depth.rows; ++y) {
+    for (int x = 0; x < depth.cols; ++x) {
+      if (known.at<std::uint8_t>(y, x)) inverse.at<float>(y, x) = 1 / depth.at<float>(y, x);
+    }
+  }
+  std::vector<cv::Mat> values{inverse}, masses{mass};
+  while (std::max(values.back().rows, values.back().cols) > 1) {
+    const cv::Size half((values.back().cols + 1) / 2, (values.back().rows + 1) / 2);
+    cv::Mat v, m;
+    cv::resize(values.back(), v, half, 0, 0, cv::INTER_AREA);
+    cv::resize(masses.back(), m, half, 0, 0, cv::INTER_AREA);
+    values.push_back(v);
+    masses.push_back(m);
+  }
+  cv::Mat filled(values.back().size(), CV_32F, cv::Scalar(1 / fallback));
+  for (int level = int(values.size()) - 1; level >= 0; --level) {
+    if (filled.size() != values[level].size()) {
+      cv::resize(filled, filled, values[level].size(), 0, 0, cv::INTER_LINEAR);
+    }
+    for (int y = 0; y < filled.rows; ++y) {
+      for (int x = 0; x < filled.cols; ++x) {
+        const float m = masses[level].at<float>(y, x);
+        if (m <= 0) continue;
+        const float trust = std::min(1.0f, 4 * m);
+        float& f = filled.at<float>(y, x);
+        f = trust * values[level].at<float>(y, x) / m + (1 - trust) * f;
+      }
+    }
+  }
+  cv::Mat out;
+  cv::divide(1.0, filled, out);
+  depth.copyTo(out, known);
+  return out;
+}
+
+}  // namespace
+
+int plane_count(const View& view, const std::vector<View>& views, const std::vector<int>& others,
+                double nearest, double farthest, int low, int high) {
+  double widest = 0;
+  for (const int j : others) {
+    const cv::Vec3d step = view.rotation * (views[j].centre - view.centre);
+    widest = std::max(widest, std::hypot(step[0], step[1]) * view.fx);
+  }
+  return std::clamp(int(std::ceil(widest * (1 / nearest - 1 / farthest))), low, high);
+}
+
+Status find_depth_range(const std::vector<std::vector<Still>>& stills, Work& work,
+                        StaticScene* scene) {
+  std::vector<View> views;
+  for (const Still& still : stills[0]) {
+    views.push_back(make_view(*still.view.camera, kCoarseLongest));
+  }
+  scene->focus = find_focus(views);
+  const DepthRange wide = widest_range(views, scene->focus);
+  scene->range = wide;
+  if (scene->focus.depth <= 0) {
+    // Without a common point, what lies in front of the middle of the cameras will do.
+    cv::Vec3d forward(0, 0, 0);
+    for (const View& view : views) forward += view.forward();
+    const double depth = std::sqrt(wide.nearest * wide.farthest);
+    scene->focus.point += depth * cv::normalize(forward);
+    scene->focus.depth = depth;
+  }
+  if (views.size() < 2) return {};
+  std::vector<float> inverse;
+  for (const std::vector<Still>& group : stills) {
+    std::vector<SweepPicture> pictures;
+    std::vector<DepthMap> maps;
+    std::vector<double> steps;
+    STGS_TRY(sweep_all(group, scene->focus.point, wide, kCoarseLongest, kCoarsePlanes,
+                       kCoarsePlanes, work, &pictures, &maps, &steps));
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      const cv::Mat weight = check_across(pictures, maps, int(i), scene->focus.point, steps[i]);
+      for (int y = 0; y < weight.rows; ++y) {
+        for (int x = 0; x < weight.cols; ++x) {
+          const float depth = maps[i].depth.at<float>(y, x);
+          if (weight.at<float>(y, x) > 0.7f) inverse.push_back(1 / depth);
+        }
+      }
+    }
+  }
+  if (inverse.size() < 50 * views.size()) return {};
+  std::sort(inverse.begin(), inverse.end());
+  const auto share = [&](double q) { return inverse[std::size_t(q * double(inverse.size() - 1))]; };
+  scene->range.farthest = std::min(wide.farthest, 1.25 / share(0.005));
+  scene->range.nearest = std::max(wide.nearest, 0.8 / share(0.995));
+  scene->range.measured = true;
+  return {};
+}
+
+Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticScene* scene) {
+  std::vector<SweepPicture> pictures;
+  std::vector<DepthMap> maps;
+  std::vector<double> steps;
+  int longest = 0;
+  for (const Still& still : stills) {
+    longest = std::max({longest, still.view.width, still.view.height});
+  }
+  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(400, longest), 32, 112,
+                     work, &pictures, &maps, &steps));
+  scene->surfaces.resize(stills.size());
+  scene->usable.resize(stills.size());
+  return work.for_each(int(stills.size()), [&](int i) -> Status {
+    Surface& surface = scene->surfaces[i];
+    surface.view = pictures[i].view;
+    surface.rgb = pictures[i].rgb;
+    scene->usable[i] = pictures[i].usable;
+    surface.weight = check_across(pictures, maps, i, scene->focus.point, steps[i]);
+    surface.depth = fill_depth(maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
+    return {};
+  });
+}
+
+void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene) {
+  const double tolerance = 0.03 * (1 / scene->range.nearest - 1 / scene->range.farthest);
+  scene->points = sparse;
+  if (int(scene->points.size()) > limit / 2) {
+    // Evenly thinned: there must be room for what has no features.
+    std::vector<SurfacePoint> kept;
+    const double stride = double(sparse.size()) / (limit / 2);
+    for (int i = 0; i < limit / 2; ++i) kept.push_back(sparse[std::size_t(i * stride)]);
+    scene->points = kept;
+  }
+  scene->sparse = int(scene->points.size());
+  // A part of the budget is for what could not be measured.
+  const int block = cover_within(scene->surfaces, limit * 4 / 5, tolerance, &scene->points);
+  scene->swept = int(scene->points.size()) - scene->sparse;
+  std::vector<Surface> holes = scene->surfaces;
+  for (std::size_t i = 0; i < holes.size(); ++i) {
+    scene->usable[i].convertTo(holes[i].weight, CV_32F);
+  }
+  for (int wide = std::max(4, block);; wide = wide * 5 / 4 + 1) {
+    std::vector<SurfacePoint> all = scene->points;
+    cover(holes, wide, tolerance, &all);
+    if (int(all.size()) > limit && wide < 4096) continue;
+    scene->filled = int(all.size() - scene->points.size());
+    scene->points = std::move(all);
+    return;
+  }
+}
+
+}  // namespace stgs::encoder::init

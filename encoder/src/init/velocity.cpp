@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/velocity.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <nanoflann.hpp>
+
+namespace stgs::encoder::init {
+namespace {
+
+constexpr int kSmoothing = 9;  // neighbours of the median
+constexpr int kFewestForMedian = 3;
+
+// Points as nanoflann wants them; colours count as a part of `reach`.
+struct Cloud {
+  static constexpr int kDimensions = 6;
+  std::vector<std::array<double, kDimensions>> rows;
+
+  Cloud(const std::vector<SurfacePoint>& points, double colour_weight) {
+    for (const SurfacePoint& p : points) {
+      rows.push_back({p.position[0], p.position[1], p.position[2], colour_weight * p.colour[0],
+                      colour_weight * p.colour[1], colour_weight * p.colour[2]});
+    }
+  }
+  std::size_t kdtree_get_point_count() const { return rows.size(); }
+  double kdtree_get_pt(std::size_t i, std::size_t d) const { return rows[i][d]; }
+  template <class Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+};
+
+using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud,
+                                                 Cloud::kDimensions>;
+
+struct Neighbours {
+  std::vector<std::uint32_t> index;
+  std::vector<double> squared;  // distances
+};
+
+Neighbours nearest(const Tree& tree, const std::array<double, Cloud::kDimensions>& query,
+                   std::size_t count) {
+  Neighbours out{std::vector<std::uint32_t>(count), std::vector<double>(count)};
+  const std::size_t found =
+      tree.knnSearch(query.data(), count, out.index.data(), out.squared.data());
+  out.index.resize(found);
+  out.squared.resize(found);
+  return out;
+}
+
+double median(std::vector<double>& values) {
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+const cv::Vec3d kUnknown = cv::Vec3d::all(std::numeric_limits<double>::quiet_NaN());
+
+bool known(const cv::Vec3d& v) {
+  return v[0] == v[0];
+}
+
+// Each velocity becomes the median of the known ones around it, if there are enough of them.
+Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& raw, double reach) {
+  const Cloud cloud(points, 0.2 * reach / 255);
+  const Tree tree(Cloud::kDimensions, cloud);
+  Velocities out(points.size(), kUnknown);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Neighbours near = nearest(tree, cloud.rows[i], kSmoothing);
+    std::vector<double> parts[3];
+    for (std::size_t k = 0; k < near.index.size(); ++k) {
+      const cv::Vec3d& v = raw[near.index[k]];
+      if (near.squared[k] > reach * reach || !known(v)) continue;
+      for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
+    }
+    if (int(parts[0].size()) < kFewestForMedian) continue;
+    out[i] = {median(parts[0]), median(parts[1]), median(parts[2])};
+  }
+  return out;
+}
+
+// One view's constraint on a velocity: two rows of d(pixel)/d(world) and the flow.
+struct FlowRow {
+  cv::Vec3d du, dv;
+  cv::Vec2d flow;
+  double weight = 1;
+};
+
+FlowRow flow_row(const View& view, const cv::Vec3d& p, const cv::Vec2d& flow) {
+  const cv::Vec3d c = view.to_camera(p);
+  const double iz = 1 / c[2];
+  const cv::Matx33d& r = view.rotation;
+  FlowRow row;
+  for (int k = 0; k < 3; ++k) {
+    row.du[k] = view.fx * iz * (r(0, k) - c[0] * iz * r(2, k));
+    row.dv[k] = view.fy * iz * (r(1, k) - c[1] * iz * r(2, k));
+  }
+  row.flow = flow;
+  return row;
+}
+
+// Weighted least squares with weights that fall with the residual; a little damping keeps what
+// the flow does not determine (along parallel rays) at rest.
+cv::Vec3d solve_flow(std::vector<FlowRow>& rows) {
+  cv::Vec3d v(0, 0, 0);
+  for (int round = 0; round < 4; ++round) {
+    cv::Matx33d a = cv::Matx33d::zeros();
+    cv::Vec3d b(0, 0, 0);
+    double trace = 0;
+    for (const FlowRow& row : rows) {
+      a += row.weight * (row.du * row.du.t() + row.dv * row.dv.t());
+      b += row.weight * (row.flow[0] * row.du + row.flow[1] * row.dv);
+    }
+    for (int k = 0; k < 3; ++k) trace += a(k, k);
+    for (int k = 0; k < 3; ++k) a(k, k) += 2e-3 * trace;
+    v = a.solve(b, cv::DECOMP_CHOLESKY);
+    for (FlowRow& row : rows) {
+      const double error = std::hypot(row.du.dot(v) - row.flow[0], row.dv.dot(v) - row.flow[1]);
+      row.weight = 1 / (1 + error * error);
+    }
+  }
+  return v;
+}
+
+// Depth of the frontmost point in coarse cells of a view: what hides what.
+cv::Mat nearest_depths(const View& view, const std::vector<SurfacePoint>& points, int cell) {
+  cv::Mat depth((view.height + cell - 1) / cell, (view.width + cell - 1) / cell, CV_32F,
+                cv::Scalar(1e30));
+  for (const SurfacePoint& point : points) {
+    const Pixel p = project(view, point.position);
+    if (!p.inside) continue;
+    float& d = depth.at<float>(p.y() / cell, p.x() / cell);
+    d = std::min(d, float(p.depth));
+  }
+  return depth;
+}
+
+}  // namespace
+
+Velocities match_velocities(const std::vector<SurfacePoint>& points,
+                            const std::vector<SurfacePoint>& next, double reach, double sign) {
+  if (points.empty() || next.empty()) return Velocities(points.size(), kUnknown);
+  const double colour_weight = 2 * reach / 255;
+  const Cloud from(points, colour_weight), to(next, colour_weight);
+  const Tree tree(Cloud::kDimensions, to);
+  Velocities raw(points.size(), kUnknown);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    // The mean of the nearest three hides the sampling of the next frame's points.
+    const Neighbours near = nearest(tree, from.rows[i], 3);
+    cv::Vec3d sum(0, 0, 0);
+    int n = 0;
+    for (const std::uint32_t k : near.index) {
+      const cv::Vec3d step = next[k].position - points[i].position;
+      if (cv::norm(step) > reach) continue;
+      sum += step;
+      ++n;
+    }
+    if (n > 0) raw[i] = sum * (sign / n);
+  }
+  return smoothed(points, raw, reach);
+}
+
+Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::vector<View>& views,
+                           const std::vector<ViewMotion>& motion, int frame, double reach) {
+  constexpr int kCell = 6;
+  Velocities raw(points.size(), kUnknown);
+  std::vector<cv::Mat> fronts;
+  for (const View& view : views) fronts.push_back(nearest_depths(view, points, kCell));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    std::vector<FlowRow> rows;
+    for (std::size_t k = 0; k < views.size(); ++k) {
+      const Pixel p = project(views[k], points[i].position);
+      cv::Vec2d flow;
+      if (!p.inside || !motion[k].flow[frame].at(p.u, p.v, &flow)) continue;
+      const float front = fronts[k].at<float>(p.y() / kCell, p.x() / kCell);
+      if (p.depth > 1.05 * front) continue;
+      rows.push_back(flow_row(views[k], points[i].position, flow));
+    }
+    if (rows.size() < 2) continue;
+    const cv::Vec3d v = solve_flow(rows);
+    if (cv::norm(v) <= reach) raw[i] = v;
+  }
+  return smoothed(points, raw, reach);
+}
+
+Velocities settled(const Velocities& first, const Velocities& second) {
+  Velocities out = first;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    if (!known(out[i])) out[i] = second[i];
+    if (!known(out[i])) out[i] = {0, 0, 0};
+  }
+  return out;
+}
+
+Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vector<View>& views,
+                                 const std::vector<SurfacePoint>& points,
+                                 const Velocities& velocities, int next_frame) {
+  MotionFit fit;
+  long inside = 0;
+  double difference = 0;
+  for (const View& view : views) {
+    STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, view, next_frame));
+    if (mask.empty()) continue;
+    STGS_ASSIGN(const cv::Mat picture, load_picture(capture, view, next_frame));
+    std::vector<SurfacePoint> moved = points;
+    for (std::size_t i = 0; i < points.size(); ++i) moved[i].position += velocities[i];
+    constexpr int kCell = 6;
+    const cv::Mat front = nearest_depths(view, moved, kCell);
+    for (const SurfacePoint& point : moved) {
+      const Pixel p = project(view, point.position);
+      if (!p.inside || p.depth > 1.05 * front.at<float>(p.y() / kCell, p.x() / kCell)) continue;
+      ++fit.samples;
+      inside += mask.at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
+      const cv::Vec3b c = picture.at<cv::Vec3b>(p.y(), p.x());
+      for (int k = 0; k < 3; ++k) difference += std::abs(int(c[k]) - int(point.colour[k])) / 3.0;
+    }
+  }
+  if (fit.samples == 0) return fit;
+  fit.inside = double(inside) / double(fit.samples);
+  fit.colour = difference / double(fit.samples);
+  return fit;
+}
+
+}  // namespace stgs::encoder::init

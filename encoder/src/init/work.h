@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Running the stages of the initialisation: parallel loops with errors as values, progress on the
+// caller's thread, and the time that each stage took.
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "stgs/encoder/progress.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder::init {
+
+class Work {
+ public:
+  Work(const ProgressSink& progress, const LogSink& log) : progress_(progress), log_(log) {}
+
+  // Starts a stage: what for_each reports belongs to it, and so does the time until the next one.
+  void stage(const std::string& name);
+  // Runs task(i) for i in [0, count) on TBB's threads, a batch at a time; between batches the
+  // caller's thread reports progress. The error of the lowest index wins; exceptions of the
+  // libraries used become errors.
+  Status for_each(int count, const std::function<Status(int)>& task);
+  // A line at level 2 (information) unless told otherwise.
+  void log(const std::string& line, int level = 2) const;
+  // Seconds by stage, finished ones and the current one.
+  std::vector<std::pair<std::string, double>> timings() const;
+
+ private:
+  const ProgressSink& progress_;
+  const LogSink& log_;
+  std::string name_;
+  std::chrono::steady_clock::time_point start_;
+  std::vector<std::pair<std::string, double>> done_;
+};
+
+// Runs `task`, turning an exception into an error that names `what`.
+Status guarded(const std::string& what, const std::function<Status()>& task);
+
+}  // namespace stgs::encoder::init
