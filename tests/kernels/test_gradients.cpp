@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every parameter's gradient against central differences through the reference forward.
+#include <tbb/global_control.h>
+
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <random>
 
@@ -177,5 +181,72 @@ TEST_CASE("harmonics above the degree in use have no gradient, and those below a
       std::copy_n(&g.sh[i * used], used, &padded[i * 48]);
     check(p, "sh", p.model.set.sh, padded, 1e-2f);
     check(p, "position", p.model.set.position, g.position, 5e-3f);
+  }
+}
+
+TEST_CASE("the vector unit's backward pass gives the reference's gradients") {
+  const int sizes[][2] = {{160, 96}, {107, 61}, {5, 3}, {333, 17}};
+  for (const auto& size : sizes) {
+    const auto camera = testing::scene_camera(size[0], size[1]);
+    const auto set = testing::random_scene(3000, camera, 31, {1, -2.8f, 0.8f});
+    std::mt19937 random(7);
+    std::normal_distribution<float> normal(0.0f, 1.0f);
+    Image d_colour, error;
+    d_colour.reshape(size[0], size[1], 3);
+    error.reshape(size[0], size[1], 1);
+    for (float& v : d_colour.data) v = normal(random);
+    for (float& v : error.data) v = std::abs(normal(random));
+    SplatFrame frame;
+    RasterOutput output;
+    RasterSettings settings;
+    settings.background = {0.4f, 0.2f, 0.1f};
+    std::vector<SplatGradients> gradients[2];
+    BlendBackwardScratch scratch;
+    for (bool scalar : {true, false}) {
+      settings.scalar = scalar;
+      render(set, 10.0f, camera, settings, frame, output);
+      blend_backward(frame, settings, output, d_colour, &error, scratch, gradients[!scalar]);
+    }
+    REQUIRE(gradients[0].size() == gradients[1].size());
+    constexpr std::size_t kFloats = sizeof(SplatGradients) / sizeof(float);
+    for (std::size_t f = 0; f < kFloats; ++f) {
+      double difference = 0, square = 0;
+      for (std::size_t s = 0; s < gradients[0].size(); ++s) {
+        const double a = reinterpret_cast<const float*>(&gradients[0][s])[f];
+        const double b = reinterpret_cast<const float*>(&gradients[1][s])[f];
+        difference += (a - b) * (a - b);
+        square += a * a;
+      }
+      INFO(size[0] << " x " << size[1] << ", field " << f);
+      CHECK(std::sqrt(difference) <= 2e-3 * std::sqrt(square));
+    }
+  }
+}
+
+TEST_CASE("one thread and two give the same gradients to the bit") {
+  const auto camera = testing::scene_camera(320, 180);
+  const auto set = testing::random_scene(20000, camera, 41);
+  for (bool scalar : {true, false}) {
+    RasterSettings settings;
+    settings.scalar = scalar;
+    std::vector<SplatGradients> splats[2];
+    PrimitiveGradients gradients[2];
+    for (std::size_t threads : {1, 2}) {
+      tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+      SplatFrame frame;
+      RasterOutput output;
+      BlendBackwardScratch scratch;
+      render(set, 10.0f, camera, settings, frame, output);
+      auto& by_splat = splats[threads - 1];
+      blend_backward(frame, settings, output, output.colour, &output.alpha, scratch, by_splat);
+      project_backward(set, 10.0f, camera, settings, frame, by_splat, gradients[threads - 1]);
+    }
+    REQUIRE(splats[0].size() == splats[1].size());
+    CHECK(std::memcmp(splats[0].data(), splats[1].data(),
+                      splats[0].size() * sizeof(SplatGradients)) == 0);
+    CHECK(gradients[0].position == gradients[1].position);
+    CHECK(gradients[0].rotation == gradients[1].rotation);
+    CHECK(gradients[0].sh == gradients[1].sh);
+    CHECK(gradients[0].sigma == gradients[1].sigma);
   }
 }

@@ -89,9 +89,10 @@ void blend_backward(const SplatFrame& frame, const RasterSettings& settings,
                     const RasterOutput& forward, const Image& d_colour, const Image* error,
                     BlendBackwardScratch& scratch, std::vector<SplatGradients>& out) {
   scratch.instances.resize(frame.instances.size());
+  const auto backward = settings.scalar ? blend_backward_tile_scalar : blend_backward_tile_vector;
   tbb::parallel_for(0, frame.tiles_x * frame.tiles_y, [&](int tile) {
     SplatGradients* entries = scratch.instances.data() + frame.tile_begin[tile];
-    blend_backward_tile_scalar({frame, settings, forward, d_colour, error, tile, entries});
+    backward({frame, settings, forward, d_colour, error, tile, entries});
   });
   list_by_splat(frame, scratch);
   out.resize(frame.splats.size());
