@@ -14,6 +14,7 @@
 #include "backend/cpu/project_backward.h"
 #include "raster_scene.h"
 #include "stgs/format/raster.h"
+#include "train/image_loss.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -57,6 +58,11 @@ void measure(const Row& row, int repetitions, bool first) {
   cpu::BlendBackwardScratch scratch;
   std::vector<cpu::SplatGradients> splats;
   cpu::PrimitiveGradients gradients;
+  Image8 truth{row.width, row.height, 3, {}};
+  truth.data.resize(output.colour.data.size(), 128);
+  ImageLoss loss;
+  const double loss_ms =
+      milliseconds(repetitions, [&] { loss.evaluate(output.colour, truth, {}, d_colour, error); });
   const double blend_backward_ms = milliseconds(repetitions, [&] {
     cpu::blend_backward(frame, settings, output, d_colour, &error, scratch, splats);
   });
@@ -71,10 +77,11 @@ void measure(const Row& row, int repetitions, bool first) {
       "%s\n    {\"width\": %d, \"height\": %d, \"primitives\": %zu, \"visible\": %zu, "
       "\"instances\": %zu, \"mean_extent_px\": %.1f,\n     \"slice_ms\": %.2f, \"bin_ms\": %.2f, "
       "\"blend_ms\": %.2f, \"forward_fps\": %.1f, \"blend_backward_ms\": %.2f, "
-      "\"project_backward_ms\": %.2f}",
+      "\"project_backward_ms\": %.2f, \"image_loss_ms\": %.2f, \"step_ms\": %.2f}",
       first ? "" : ",", row.width, row.height, row.primitives, frame.splats.size(),
       frame.instances.size(), drawn_radius / 2.0 / static_cast<double>(frame.splats.size()),
-      slice_ms, bin_ms, blend_ms, 1000.0 / forward, blend_backward_ms, project_backward_ms);
+      slice_ms, bin_ms, blend_ms, 1000.0 / forward, blend_backward_ms, project_backward_ms, loss_ms,
+      forward + loss_ms + blend_backward_ms + project_backward_ms);
 }
 
 }  // namespace
