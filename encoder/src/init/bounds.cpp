@@ -30,7 +30,7 @@ void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>&
   for (const View& view : views) middle += view.centre * (1.0 / double(views.size()));
   double extent = 0;
   for (const View& view : views) extent = std::max(extent, cv::norm(view.centre - middle));
-  if (extent > 0) capture->extent = float(extent);
+  if (extent > 0) capture->extent = float(1.1 * extent);  // as 3D Gaussian Splatting takes it
   if (points.empty()) return;
   double nearest = 1e300;
   for (const View& view : views) {

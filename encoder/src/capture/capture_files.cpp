@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "capture_files.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool digit(char c) {
+  return c >= '0' && c <= '9';
+}
+
+bool has_extension(const std::string& path, std::initializer_list<const char*> extensions) {
+  std::string extension = fs::path(path).extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return std::any_of(extensions.begin(), extensions.end(),
+                     [&](const char* e) { return extension == e; });
+}
+
+template <typename Keep>
+std::vector<std::string> list(const std::string& folder, Keep keep) {
+  std::vector<std::string> paths;
+  if (!fs::is_directory(folder)) return paths;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().filename().string().front() == '.') continue;
+    if (keep(entry)) paths.push_back(entry.path().string());
+  }
+  std::sort(paths.begin(), paths.end(), natural_less);
+  return paths;
+}
+
+}  // namespace
+
+bool natural_less(const std::string& a, const std::string& b) {
+  std::size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (!digit(a[i]) || !digit(b[j])) {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i, ++j;
+      continue;
+    }
+    std::size_t i_end = i, j_end = j;
+    while (i_end < a.size() && digit(a[i_end])) ++i_end;
+    while (j_end < b.size() && digit(b[j_end])) ++j_end;
+    while (i + 1 < i_end && a[i] == '0') ++i;
+    while (j + 1 < j_end && b[j] == '0') ++j;
+    if (i_end - i != j_end - j) return i_end - i < j_end - j;
+    if (const int order = a.compare(i, i_end - i, b, j, j_end - j)) return order < 0;
+    i = i_end, j = j_end;
+  }
+  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
+  return a < b;  // equal but for leading zeros
+}
+
+bool is_video(const std::string& path) {
+  return has_extension(path, {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"});
+}
+
+bool is_picture(const std::string& path) {
+  return has_extension(path, {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"});
+}
+
+std::vector<std::string> list_videos(const std::string& folder) {
+  return list(folder, [](const fs::directory_entry& entry) {
+    return entry.is_regular_file() && is_video(entry.path().string());
+  });
+}
+
+std::vector<std::string> list_pictures(const std::string& folder) {
+  return list(folder, [](const fs::directory_entry& entry) {
+    return entry.is_regular_file() && is_picture(entry.path().string());
+  });
+}
+
+std::vector<std::string> list_folders(const std::string& folder) {
+  return list(folder, [](const fs::directory_entry& entry) { return entry.is_directory(); });
+}
+
+std::string stem_of(const std::string& path) {
+  return fs::path(path).stem().string();
+}
+
+bool find_frames(const std::string& folder, const std::string& name, SourceCamera& camera) {
+  for (const std::string& path : list_videos(folder)) {
+    if (stem_of(path) != name) continue;
+    camera.video = path;
+    return true;
+  }
+  camera.pictures = list_pictures(folder + "/" + name);
+  if (camera.pictures.empty()) camera.pictures = list_pictures(folder + "/" + name + "/images");
+  return !camera.pictures.empty();
+}
+
+Status find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
+  const std::vector<std::string> found = list_pictures(folder + "/" + name);
+  if (found.empty()) return {};
+  if (camera.pictures.empty()) {
+    camera.masks = found;
+    return {};
+  }
+  std::size_t next = 0;
+  for (std::size_t frame = 0; frame < camera.pictures.size(); ++frame) {
+    const std::string stem = stem_of(camera.pictures[frame]);
+    while (next < found.size() && stem_of(found[next]) != stem) ++next;
+    if (next == found.size()) {
+      return io_error(
+          "{}/{}: has no mask for camera '{}' frame {} (looked for {}.png); add it, or "
+          "take the folder away to have masks computed",
+          folder, name, camera.name, frame, stem);
+    }
+    camera.masks.push_back(found[next]);
+  }
+  return {};
+}
+
+Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
+  constexpr std::uint64_t kLargest = std::uint64_t{4} << 30;
+  if (source->size() > kLargest) return invalid_file("{}: is larger than 4 GiB", path);
+  std::vector<std::uint8_t> bytes(source->size());
+  STGS_TRY(source->read(0, bytes));
+  return bytes;
+}
+
+Result<nlohmann::json> read_json(const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  try {
+    return nlohmann::json::parse(bytes.begin(), bytes.end());
+  } catch (const std::exception& error) {
+    return invalid_file("{}: {}", path, error.what());
+  }
+}
+
+Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what) {
+  std::vector<double> numbers;
+  if (!json.is_array()) return invalid_file("{}: must be a list of numbers", what);
+  std::vector<const nlohmann::json*> stack = {&json};
+  while (!stack.empty()) {
+    const nlohmann::json& top = *stack.back();
+    stack.pop_back();
+    if (top.is_array()) {
+      for (auto it = top.rbegin(); it != top.rend(); ++it) stack.push_back(&*it);
+    } else if (top.is_number() && std::isfinite(top.get<double>())) {
+      numbers.push_back(top.get<double>());
+    } else {
+      return invalid_file("{}: holds something that is not a finite number", what);
+    }
+  }
+  return numbers;
+}
+
+Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const std::string& where,
+                      SourceCamera& camera) {
+  if (k.size() != 9) return invalid_file("{}: K has {} numbers, not 3x3", where, k.size());
+  const bool pinhole = k[0] > 0 && k[4] > 0 && std::abs(k[1]) <= 1e-4 * k[0] && k[3] == 0 &&
+                       k[6] == 0 && k[7] == 0 && std::abs(k[8] - 1) < 1e-9;
+  if (!pinhole) {
+    return unsupported(
+        "{}: K must be [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths "
+        "(no skew)",
+        where);
+  }
+  camera.fx = k[0];
+  camera.fy = k[4];
+  camera.cx = k[2] + 0.5 - pixel_centre;
+  camera.cy = k[5] + 0.5 - pixel_centre;
+  return {};
+}
+
+Status set_pose(const std::vector<double>& w2c, const std::string& where, SourceCamera& camera) {
+  if (w2c.size() != 12 && w2c.size() != 16) {
+    return invalid_file("{}: the pose has {} numbers, not 3x4 or 4x4", where, w2c.size());
+  }
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      camera.rotation[3 * row + column] = w2c[4 * row + column];
+    }
+    camera.translation[row] = w2c[4 * row + 3];
+  }
+  return {};
+}
+
+Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::string& where,
+                                     SourceCamera& camera) {
+  if (c2w.size() != 12 && c2w.size() != 16) {
+    return invalid_file("{}: the pose has {} numbers, not 3x4 or 4x4", where, c2w.size());
+  }
+  for (int row = 0; row < 3; ++row) {
+    camera.translation[row] = 0;
+    for (int column = 0; column < 3; ++column) {
+      camera.rotation[3 * row + column] = c2w[4 * column + row];
+      camera.translation[row] -= c2w[4 * column + row] * c2w[4 * column + 3];
+    }
+  }
+  return {};
+}
+
+Status set_distortion(std::vector<double> coefficients, bool fisheye, const std::string& where,
+                      SourceCamera& camera) {
+  const bool none =
+      std::all_of(coefficients.begin(), coefficients.end(), [](double v) { return v == 0; });
+  if (none && !fisheye) return {};
+  if (fisheye) {
+    if (coefficients.size() != 4) {
+      return invalid_file("{}: a fisheye lens has 4 coefficients (k1 k2 k3 k4), not {}", where,
+                          coefficients.size());
+    }
+    camera.lens = LensModel::kFisheye;
+  } else {
+    if (coefficients.size() != 4 && coefficients.size() != 5 && coefficients.size() != 8) {
+      return invalid_file(
+          "{}: distortion has 4, 5 or 8 coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6]]),"
+          " not {}",
+          where, coefficients.size());
+    }
+    camera.lens = LensModel::kOpenCv;
+  }
+  camera.distortion = std::move(coefficients);
+  return {};
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "frame_reader.h"
+
+#include <cmath>
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+namespace stgs::encoder {
+namespace {
+
+constexpr int kPictureFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
+
+Result<cv::VideoCapture> open_video(const SourceCamera& camera) {
+  if (!std::filesystem::exists(camera.video)) {
+    return io_error("{}: the video of camera '{}' is missing", camera.video, camera.name);
+  }
+  cv::VideoCapture video(camera.video, cv::CAP_FFMPEG);
+  if (!video.isOpened()) {
+    return invalid_file(
+        "{}: cannot open the video of camera '{}' (damaged, or a codec that "
+        "FFmpeg here lacks)",
+        camera.video, camera.name);
+  }
+  return video;
+}
+
+Status check_size(const std::string& path, const SourceCamera& camera, int frame,
+                  const cv::Mat& image, int width, int height) {
+  if (image.cols == width && image.rows == height) return {};
+  return invalid_file(
+      "{}: camera '{}' frame {} is {}x{}, but the camera's frames before it are "
+      "{}x{}; a camera's frames must have one size",
+      path, camera.name, frame, image.cols, image.rows, width, height);
+}
+
+class OpenCvVideoReader final : public VideoReader {
+ public:
+  OpenCvVideoReader(cv::VideoCapture video, const SourceCamera& camera, int next)
+      : video_(std::move(video)), camera_(camera), next_(next) {}
+
+  Result<cv::Mat> next(int width, int height) override {
+    cv::Mat image;  // a new one: the last may still be in use
+    if (!video_.read(image) || image.empty()) {
+      return invalid_file(
+          "{}: camera '{}' ends at frame {}, before the length that it states: it "
+          "is truncated or damaged; ask for the frames before with --frames",
+          camera_.video, camera_.name, next_);
+    }
+    STGS_TRY(check_size(camera_.video, camera_, next_, image, width, height));
+    ++next_;
+    return image;
+  }
+
+ private:
+  cv::VideoCapture video_;
+  const SourceCamera& camera_;
+  int next_;
+};
+
+}  // namespace
+
+Result<FrameInfo> probe_frames(const SourceCamera& camera) {
+  FrameInfo info;
+  if (camera.video.empty()) {
+    const std::string& path = camera.pictures.front();
+    const cv::Mat image = cv::imread(path, kPictureFlags);
+    if (image.empty()) {
+      return io_error("{}: camera '{}' frame 0 {}", path, camera.name,
+                      std::filesystem::exists(path) ? "cannot be decoded" : "is missing");
+    }
+    info.width = image.cols;
+    info.height = image.rows;
+    info.frames = static_cast<int>(camera.pictures.size());
+    return info;
+  }
+  STGS_ASSIGN(cv::VideoCapture video, open_video(camera));
+  cv::Mat image;
+  if (!video.read(image) || image.empty()) {
+    return invalid_file("{}: cannot decode a frame of camera '{}'", camera.video, camera.name);
+  }
+  info.width = image.cols;
+  info.height = image.rows;
+  info.fps = video.get(cv::CAP_PROP_FPS);
+  info.frames = static_cast<int>(std::lround(video.get(cv::CAP_PROP_FRAME_COUNT)));
+  if (info.frames > 0) return info;
+  // Some containers do not state their length.
+  info.frames = 1;
+  while (video.grab()) ++info.frames;
+  return info;
+}
+
+Result<cv::Mat> read_picture(const SourceCamera& camera, int frame, int width, int height) {
+  const std::string& path = camera.pictures[static_cast<std::size_t>(frame)];
+  cv::Mat image = cv::imread(path, kPictureFlags);
+  if (image.empty()) {
+    return io_error("{}: camera '{}' frame {} {}", path, camera.name, frame,
+                    std::filesystem::exists(path) ? "cannot be decoded" : "is missing");
+  }
+  STGS_TRY(check_size(path, camera, frame, image, width, height));
+  return image;
+}
+
+Result<std::unique_ptr<VideoReader>> VideoReader::open(const SourceCamera& camera, int first) {
+  STGS_ASSIGN(cv::VideoCapture video, open_video(camera));
+  for (int frame = 0; frame < first; ++frame) {
+    if (video.grab()) continue;
+    return invalid_file(
+        "{}: camera '{}' ends at frame {}, before the length that it states: it is "
+        "truncated or damaged",
+        camera.video, camera.name, frame);
+  }
+  return std::unique_ptr<VideoReader>(
+      std::make_unique<OpenCvVideoReader>(std::move(video), camera, first));
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// Neural 3D Video: camNN.mp4 (or folders camNN/ of pictures) beside poses_bounds.npy, LLFF's table
+// with a row of 17 numbers a camera in the order of the names: a 3x5 camera-to-world matrix whose
+// axes are down, right, backward and whose last column is height, width, focal length; near; far.
+// The first camera by name is held out, as in the data set's paper.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr std::size_t kRow = 17;
+
+// Value of `key` in the header of a .npy file, up to the next comma outside brackets.
+std::string npy_field(const std::string& header, const std::string& key) {
+  const std::size_t at = header.find("'" + key + "':");
+  if (at == std::string::npos) return "";
+  std::string value;
+  int depth = 0;
+  for (std::size_t i = at + key.size() + 3; i < header.size(); ++i) {
+    if (header[i] == '(') ++depth;
+    if (header[i] == ')') --depth;
+    if (depth == 0 && (header[i] == ',' || header[i] == '}')) break;
+    if (header[i] != ' ') value += header[i];
+  }
+  return value;
+}
+
+template <typename T>
+std::vector<double> numbers_from(const std::uint8_t* bytes, std::size_t count) {
+  std::vector<double> numbers(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    T value;
+    std::memcpy(&value, bytes + i * sizeof(T), sizeof(T));
+    numbers[i] = static_cast<double>(value);
+  }
+  return numbers;
+}
+
+// The rows of a little-endian float array of N x 17, one after the other.
+Result<std::vector<double>> read_poses(const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
+    return invalid_file("{}: is not a .npy file", path);
+  }
+  const bool long_header = bytes[6] >= 2;
+  std::size_t start = long_header ? 12 : 10;
+  if (bytes.size() < start) return invalid_file("{}: is truncated", path);
+  std::size_t length = bytes[8] | bytes[9] << 8;
+  if (long_header) length |= std::size_t{bytes[10]} << 16 | std::size_t{bytes[11]} << 24;
+  if (length > bytes.size() - start) {
+    return invalid_file("{}: its header of {} bytes does not fit the file", path, length);
+  }
+  const std::string header(bytes.begin() + start, bytes.begin() + start + length);
+  start += length;
+  const std::string type = npy_field(header, "descr");
+  const std::size_t item = type == "'<f8'" ? 8 : type == "'<f4'" ? 4 : 0;
+  unsigned long long rows = 0, columns = 0;
+  const std::string shape = npy_field(header, "shape");
+  const bool table = std::sscanf(shape.c_str(), "(%llu,%llu)", &rows, &columns) == 2;
+  if (item == 0 || !table || columns != kRow || npy_field(header, "fortran_order") != "False") {
+    return invalid_file("{}: must be a row-major table of N x 17 floats, but says {}", path,
+                        header.substr(0, header.find('\n')));
+  }
+  if (rows > (bytes.size() - start) / (item * kRow)) {
+    return invalid_file("{}: says {} cameras, but holds bytes for only {}: it is truncated", path,
+                        rows, (bytes.size() - start) / (item * kRow));
+  }
+  const std::size_t count = rows * kRow;
+  return item == 8 ? numbers_from<double>(bytes.data() + start, count)
+                   : numbers_from<float>(bytes.data() + start, count);
+}
+
+Status set_camera(const double* row, const std::string& where, SourceCamera& camera) {
+  const bool finite = std::all_of(row, row + kRow, [](double v) { return std::isfinite(v); });
+  const double height = row[4], width = row[9], focal = row[14];
+  if (!finite || !(height >= 1 && height <= 32768 && width >= 1 && width <= 32768 && focal > 0)) {
+    return invalid_file("{}: no sane size or focal length", where);
+  }
+  camera.width = static_cast<int>(std::lround(width));
+  camera.height = static_cast<int>(std::lround(height));
+  camera.fx = camera.fy = focal;
+  camera.cx = 0.5 * width;
+  camera.cy = 0.5 * height;
+  std::vector<double> c2w(12);
+  for (int i = 0; i < 3; ++i) {
+    const double down = row[5 * i], right = row[5 * i + 1], backward = row[5 * i + 2];
+    c2w[4 * i] = right;
+    c2w[4 * i + 1] = down;
+    c2w[4 * i + 2] = -backward;
+    c2w[4 * i + 3] = row[5 * i + 3];
+  }
+  return set_pose_from_camera_to_world(c2w, where, camera);
+}
+
+std::vector<std::string> camera_names(const std::string& folder) {
+  std::vector<std::string> names;
+  for (const std::string& path : list_videos(folder)) names.push_back(stem_of(path));
+  if (!names.empty()) return names;
+  for (const std::string& path : list_folders(folder)) {
+    const std::string name = std::filesystem::path(path).filename().string();
+    if (name.rfind("cam", 0) == 0) names.push_back(name);
+  }
+  return names;
+}
+
+}  // namespace
+
+Result<SourceCapture> load_n3dv(const std::string& folder) {
+  const std::string poses_path = folder + "/poses_bounds.npy";
+  STGS_ASSIGN(const std::vector<double> rows, read_poses(poses_path));
+  const std::vector<std::string> names = camera_names(folder);
+  if (names.size() != rows.size() / kRow) {
+    return invalid_file(
+        "{}: has {} cameras, but the folder has {} videos ({}); each row belongs to "
+        "one video, in the order of the names",
+        poses_path, rows.size() / kRow, names.size(),
+        names.empty() ? "none" : names.front() + " .. " + names.back());
+  }
+  SourceCapture capture;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    SourceCamera camera;
+    camera.name = names[i];
+    STGS_TRY(set_camera(rows.data() + i * kRow,
+                        fmt::format("{}: row {} (camera '{}')", poses_path, i, names[i]), camera));
+    if (!find_frames(folder, names[i], camera)) {
+      return io_error("{}/{}: camera '{}' has no frames", folder, names[i], names[i]);
+    }
+    camera.test = i == 0;
+    capture.cameras.push_back(std::move(camera));
+  }
+  return capture;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+// CMU Panoptic as Dynamic 3D Gaussians ships it: train_meta.json and test_meta.json, each with
+// w, h and, a list of cameras a frame, k (3x3), w2c (4x4), fn (picture under ims/) and cam_id;
+// seg/ holds a foreground mask a picture. The cameras of test_meta.json are held out. 30 fps.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+bool same(const std::vector<double>& a, const std::vector<double>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](double x, double y) { return std::abs(x - y) <= 1e-6 * (1 + std::abs(x)); });
+}
+
+// One picture of one camera in the tables.
+struct Entry {
+  std::string camera, picture;
+  std::vector<double> k, w2c;
+};
+
+Result<Entry> read_entry(const Json& meta, std::size_t frame, std::size_t index,
+                         const std::string& where) {
+  Entry entry;
+  const Json& id = meta.at("cam_id").at(frame).at(index);
+  entry.camera = id.is_string() ? id.get<std::string>() : std::to_string(id.get<int>());
+  entry.picture = meta.at("fn").at(frame).at(index).get<std::string>();
+  const std::string here = fmt::format("{}: camera '{}' frame {}", where, entry.camera, frame);
+  STGS_ASSIGN(entry.k, json_numbers(meta.at("k").at(frame).at(index), here + ": k"));
+  STGS_ASSIGN(entry.w2c, json_numbers(meta.at("w2c").at(frame).at(index), here + ": w2c"));
+  return entry;
+}
+
+Status add_mask(const std::string& folder, const std::string& picture, SourceCamera& camera) {
+  const std::string path = folder + "/seg/" + fs::path(picture).replace_extension(".png").string();
+  const std::size_t frame = camera.pictures.size() - 1;
+  if (fs::exists(path)) {
+    camera.masks.push_back(path);
+  } else if (!camera.masks.empty()) {
+    return io_error(
+        "{}: the mask of camera '{}' frame {} is missing, though earlier ones are "
+        "there; add it, or take seg/ away to have masks computed",
+        path, camera.name, frame);
+  }
+  if (!camera.masks.empty() && camera.masks.size() != frame + 1) {
+    return io_error("{}/seg: camera '{}' has a mask for frame {}, but not for frame 0", folder,
+                    camera.name, frame);
+  }
+  return {};
+}
+
+Status read_meta(const std::string& folder, const std::string& name, bool test,
+                 SourceCapture& capture) {
+  const std::string path = folder + "/" + name;
+  STGS_ASSIGN(const Json meta, read_json(path));
+  try {
+    std::map<std::string, std::size_t> known;
+    std::vector<Entry> first;
+    const std::size_t begin = capture.cameras.size();
+    for (std::size_t frame = 0; frame < meta.at("fn").size(); ++frame) {
+      const std::size_t cameras = meta.at("fn").at(frame).size();
+      for (std::size_t i = 0; i < cameras; ++i) {
+        STGS_ASSIGN(Entry entry, read_entry(meta, frame, i, path));
+        if (frame == 0) {
+          SourceCamera camera;
+          camera.name = entry.camera;
+          camera.width = meta.at("w").get<int>();
+          camera.height = meta.at("h").get<int>();
+          camera.test = test;
+          STGS_TRY(set_intrinsics(entry.k, 0.5, path + ": camera '" + entry.camera + "'", camera));
+          STGS_TRY(set_pose(entry.w2c, path + ": camera '" + entry.camera + "'", camera));
+          known.emplace(entry.camera, capture.cameras.size());
+          capture.cameras.push_back(camera);
+          first.push_back(entry);
+        }
+        const auto it = known.find(entry.camera);
+        if (it == known.end()) {
+          return invalid_file("{}: camera '{}' is in frame {} but not in frame 0", path,
+                              entry.camera, frame);
+        }
+        const Entry& origin = first[it->second - begin];
+        if (!same(origin.k, entry.k) || !same(origin.w2c, entry.w2c)) {
+          return unsupported(
+              "{}: camera '{}' moves or zooms (frame {} differs from frame 0); only "
+              "cameras that stand still can be prepared",
+              path, entry.camera, frame);
+        }
+        SourceCamera& camera = capture.cameras[it->second];
+        if (camera.pictures.size() != frame) {
+          return invalid_file("{}: camera '{}' has {} pictures in frames 0 to {}", path,
+                              camera.name, camera.pictures.size() + 1, frame);
+        }
+        camera.pictures.push_back(folder + "/ims/" + entry.picture);
+        STGS_TRY(add_mask(folder, entry.picture, camera));
+      }
+    }
+  } catch (const Json::exception& error) {
+    return invalid_file("{}: {}", path, error.what());
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<SourceCapture> load_panoptic(const std::string& folder, const LogSink& log) {
+  SourceCapture capture;
+  capture.fps = 30;
+  STGS_TRY(read_meta(folder, "train_meta.json", false, capture));
+  if (fs::exists(folder + "/test_meta.json")) {
+    STGS_TRY(read_meta(folder, "test_meta.json", true, capture));
+  } else {
+    log(1, folder + ": has no test_meta.json, so no camera is held out");
+  }
+  std::sort(
+      capture.cameras.begin(), capture.cameras.end(),
+      [](const SourceCamera& a, const SourceCamera& b) { return natural_less(a.name, b.name); });
+  return capture;
+}
+
+}  // namespace stgs::encoder

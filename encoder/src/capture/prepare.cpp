@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/prepare.h"
+
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "init/init.h"
+#include "source_capture.h"
+#include "write_frames.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Removes the folder on the way out.
+struct Temporary {
+  std::string folder;
+  ~Temporary() {
+    std::error_code ignored;
+    fs::remove_all(folder, ignored);
+  }
+};
+
+Status check(const PrepareSettings& settings) {
+  if (!(settings.scale > 0 && settings.scale <= 1)) {
+    return usage_error("scale {} is not in (0, 1]", settings.scale);
+  }
+  if (settings.first_frame < 0 ||
+      (settings.end_frame >= 0 && settings.end_frame <= settings.first_frame)) {
+    return usage_error("frames {}:{} are no range; give first:end with first < end",
+                       settings.first_frame, settings.end_frame);
+  }
+  if (settings.fps < 0) return usage_error("{} frames a second make no sense", settings.fps);
+  return {};
+}
+
+// Only a prepared capture or an empty folder may be replaced, and never the capture itself.
+Status check_target(const std::string& capture, const std::string& folder, bool overwrite) {
+  const fs::path target = fs::weakly_canonical(folder), source = fs::weakly_canonical(capture);
+  const fs::path relative = source.lexically_relative(target);
+  if (!relative.empty() && *relative.begin() != "..") {
+    return usage_error("{}: is the capture, or holds it; prepare it into another folder", folder);
+  }
+  if (!fs::exists(folder)) return {};
+  if (fs::is_directory(folder) && fs::is_empty(folder)) return {};
+  if (!fs::exists(folder + "/capture.json")) {
+    return usage_error("{}: exists and is not a prepared capture; name another folder", folder);
+  }
+  if (!overwrite) {
+    return usage_error("{}: exists; name another folder, or ask to overwrite it", folder);
+  }
+  return {};
+}
+
+Status replace(const std::string& partial, const std::string& folder) {
+  const Temporary old{fmt::format("{}.replaced-{}", folder, ::getpid())};
+  std::error_code error;
+  if (fs::exists(folder)) fs::rename(folder, old.folder, error);
+  if (!error) fs::rename(partial, folder, error);
+  if (error) return io_error("{}: cannot put the result there: {}", folder, error.message());
+  return {};
+}
+
+Status prepare_into(const std::string& capture, const std::string& folder,
+                    const PrepareSettings& settings, const ProgressSink& progress,
+                    const LogSink& log) {
+  STGS_ASSIGN(const SourceCapture source, load_source(capture, settings, progress, log));
+  PreparedCapture prepared;
+  prepared.folder = folder;
+  prepared.source = layout_name(source.layout);
+  prepared.metric = source.metric;
+  STGS_ASSIGN(const std::vector<CameraPlan> plans, plan_frames(source, settings, prepared, log));
+  log(2, fmt::format("{}: {} cameras, frames {}:{}", capture, prepared.cameras.size(),
+                     prepared.first_frame, prepared.first_frame + prepared.frames));
+  STGS_TRY(write_frames(source, plans, prepared, progress));
+  InitSettings init;
+  init.separate_motion = settings.separate_motion;
+  init.max_dynamic_points = settings.max_dynamic_points;
+  init.max_static_points = settings.max_static_points;
+  init.seed = settings.seed;
+  init.flow_folder = source.flow_folder;
+  init.points = source.points;
+  STGS_TRY(initialise(prepared, init, progress, log));
+  return write_prepared_capture(prepared);
+}
+
+}  // namespace
+
+Status prepare(const std::string& capture, const std::string& folder,
+               const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log) {
+  STGS_TRY(check(settings));
+  const LogSink log_or_none = log ? log : [](int, const std::string&) {};
+  try {
+    const std::string target = (fs::path(folder) / "").parent_path().string();
+    STGS_TRY(check_target(capture, target, settings.overwrite));
+    const Temporary partial{fmt::format("{}.partial-{}", target, ::getpid())};
+    fs::create_directories(partial.folder);
+    STGS_TRY(prepare_into(capture, partial.folder, settings, progress, log_or_none));
+    return replace(partial.folder, target);
+  } catch (const fs::filesystem_error& error) {
+    return io_error("{}", error.what());
+  } catch (const std::exception& error) {
+    return runtime_error("{}: {}", capture, error.what());
+  }
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// A capture as people have it, read but not yet changed: what every layout is brought to.
+//
+// Where a layout puts the centre of the first pixel, and so what its principal point means. Here,
+// as everywhere in STGS, it is at +0.5; a layout with integer centres gains 0.5 when it is read.
+//
+//   layout        first pixel's centre   because
+//   n3dv          0.5                    LLFF has no principal point: it is half the picture's size
+//   panoptic      0.5                    as Dynamic 3D Gaussians projects it
+//   easyvolcap    0                      OpenCV's calibration
+//   colmap        0.5                    COLMAP's convention
+//   nerfstudio    0.5                    written from COLMAP models, read so by nerfstudio
+//   videos        0.5, or the field      cameras.json says "pixel_centre"; see videos.cpp
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "stgs/encoder/prepare.h"
+
+namespace stgs::encoder {
+
+enum class LensModel { kPinhole, kOpenCv, kFisheye };
+
+struct SourceCamera {
+  std::string name;
+  int width = 0, height = 0;              // that the intrinsics are for; 0: those of the frames
+  double fx = 0, fy = 0, cx = 0, cy = 0;  // pixels; pixel centres at +0.5
+  LensModel lens = LensModel::kPinhole;
+  std::vector<double> distortion;  // kOpenCv: k1 k2 p1 p2 [k3 [k4 k5 k6]]; kFisheye: k1 k2 k3 k4
+  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // world to camera, OpenCV axes, row-major
+  double translation[3] = {0, 0, 0};
+  bool test = false;                  // by the layout's own split
+  std::string video;                  // a file; or
+  std::vector<std::string> pictures;  // files in order of time
+  std::vector<std::string> masks;     // none, or one file a frame; 255 (or 1) = moving
+};
+
+struct SourceCapture {
+  Layout layout = Layout::kAuto;
+  std::string folder;
+  std::vector<SourceCamera> cameras;
+  double fps = 0;           // that the layout states; 0: it does not (videos state their own)
+  bool metric = false;      // scene units are metres
+  std::string flow_folder;  // of CAM/NNNNNN.flo, or empty
+  std::vector<InitialPoint> points;  // static points that came with the capture
+};
+
+const char* layout_name(Layout layout);
+
+// Reads the description of the capture in `folder` (not its frames), recognising the layout if it
+// is kAuto. The result has at least one camera, distinct names that can be folders, a frame source
+// for each camera and poses that are rigid. `settings` and `progress` serve the calibration that
+// uncalibrated videos need.
+Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
+                                  const ProgressSink& progress, const LogSink& log);
+
+// The loaders, one a layout. Each throws nothing but what load_source catches (JSON, OpenCV and
+// file system errors).
+Result<SourceCapture> load_n3dv(const std::string& folder);
+Result<SourceCapture> load_panoptic(const std::string& folder, const LogSink& log);
+
+}  // namespace stgs::encoder

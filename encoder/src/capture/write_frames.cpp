@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "write_frames.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_pipeline.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <mutex>
+#include <opencv2/imgcodecs.hpp>
+
+#include "capture_files.h"
+#include "image_file.h"
+#include "reporting.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kFramesInFlight = 4;  // of one camera
+
+// Keeps the error that comes first by camera, then by frame, and stops the others.
+class FirstError {
+ public:
+  void set(Status status, std::size_t camera, int frame) {
+    const std::lock_guard lock(mutex_);
+    if (!status_.ok() && std::pair(camera_, frame_) <= std::pair(camera, frame)) return;
+    status_ = std::move(status);
+    camera_ = camera;
+    frame_ = frame;
+    stop_ = true;
+  }
+  bool stop() const { return stop_; }
+  const Status& status() const { return status_; }
+
+ private:
+  std::mutex mutex_;
+  Status status_;
+  std::size_t camera_ = 0;
+  int frame_ = 0;
+  std::atomic<bool> stop_{false};
+};
+
+// No sync: the folder counts only once it is renamed, and a lost one can be made again.
+Status write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
+  std::FILE* file = std::fopen(path.c_str(), "wb");
+  if (file == nullptr) return io_error("{}: cannot create: {}", path, std::strerror(errno));
+  const bool wrote = std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
+  const int wrong = errno;
+  if (std::fclose(file) != 0 || !wrote) {
+    return io_error("{}: cannot write: {}", path, std::strerror(wrote ? errno : wrong));
+  }
+  return {};
+}
+
+Status write_png(const std::string& path, const cv::Mat& image) {
+  std::vector<std::uint8_t> bytes;
+  // Level 1 is a tenth of the time of level 9, for files a tenth larger.
+  if (!cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 1})) {
+    return runtime_error("{}: cannot encode the picture", path);
+  }
+  return write_bytes(path, bytes);
+}
+
+bool all_png(const std::vector<std::string>& paths) {
+  return std::all_of(paths.begin(), paths.end(),
+                     [](const std::string& path) { return fs::path(path).extension() == ".png"; });
+}
+
+// What one camera's frames are made from and become.
+struct CameraJob {
+  const SourceCamera& source;
+  const CameraPlan& plan;
+  const PreparedCapture& capture;
+  const Camera& camera;
+
+  // The pictures already are what is written.
+  bool copies() const {
+    return plan.untouched() && source.video.empty() &&
+           (capture.frame_extension == "jpg" || all_png(source.pictures));
+  }
+};
+
+Status copy_picture(const CameraJob& job, int frame) {
+  const int number = job.capture.first_frame + frame;
+  const std::string& path = job.source.pictures[static_cast<std::size_t>(number)];
+  if (!fs::exists(path)) {
+    return io_error("{}: camera '{}' frame {} is missing", path, job.source.name, number);
+  }
+  // Training decodes these bytes, so they are checked with its decoder.
+  const Result<Image8> image = read_image8(path, 3);
+  if (!image.ok()) {
+    return invalid_file("camera '{}' frame {}: {}", job.source.name, number,
+                        image.status().message());
+  }
+  if (image->width != job.camera.width || image->height != job.camera.height) {
+    return invalid_file(
+        "{}: camera '{}' frame {} is {}x{}, but the camera's first frame is {}x{}; "
+        "a camera's frames must have one size",
+        path, job.source.name, number, image->width, image->height, job.camera.width,
+        job.camera.height);
+  }
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  return write_bytes(job.capture.frame_path(job.camera, frame), bytes);
+}
+
+Status write_mask(const CameraJob& job, int frame) {
+  if (job.camera.test || job.source.masks.empty()) return {};
+  const int number = job.capture.first_frame + frame;
+  const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
+  const cv::Mat mask = cv::imread(path, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+  if (mask.empty()) {
+    return io_error("{}: the mask of camera '{}' frame {} {}", path, job.source.name, number,
+                    fs::exists(path) ? "cannot be decoded" : "is missing");
+  }
+  if (mask.cols != job.plan.source.width || mask.rows != job.plan.source.height) {
+    return invalid_file("{}: the mask of camera '{}' frame {} is {}x{}, but the frame is {}x{}",
+                        path, job.source.name, number, mask.cols, mask.rows, job.plan.source.width,
+                        job.plan.source.height);
+  }
+  return write_png(job.capture.mask_path(job.camera, frame), job.plan.mask(mask));
+}
+
+// `decoded` is the frame of a video, or empty.
+Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
+  STGS_TRY(write_mask(job, frame));
+  if (copies) return copy_picture(job, frame);
+  if (decoded.empty()) {
+    STGS_ASSIGN(decoded, read_picture(job.source, job.capture.first_frame + frame,
+                                      job.plan.source.width, job.plan.source.height));
+  }
+  return write_png(job.capture.frame_path(job.camera, frame), job.plan.frame(decoded));
+}
+
+struct Step {
+  int frame = 0;
+  cv::Mat decoded;
+};
+
+// Videos decode in order; the rest of the work on a frame runs beside that.
+void write_camera(const CameraJob& job, std::size_t index, Counter& counter, FirstError& error) {
+  std::unique_ptr<VideoReader> video;
+  if (!job.source.video.empty()) {
+    Result<std::unique_ptr<VideoReader>> opened =
+        VideoReader::open(job.source, job.capture.first_frame);
+    if (!opened.ok()) return error.set(opened.status(), index, 0);
+    video = std::move(*opened);
+  }
+  const bool copies = job.copies();
+  int next = 0;
+  const auto read = [&](tbb::flow_control& flow) -> Step {
+    Step step{next, {}};
+    if (next == job.capture.frames || counter.cancelled || error.stop()) {
+      flow.stop();
+      return step;
+    }
+    if (video) {
+      Result<cv::Mat> image = video->next(job.plan.source.width, job.plan.source.height);
+      if (!image.ok()) {
+        error.set(image.status(), index, next);
+        flow.stop();
+        return step;
+      }
+      step.decoded = std::move(*image);
+    }
+    ++next;
+    return step;
+  };
+  const auto write = [&](Step step) {
+    Status status = write_frame(job, copies, step.frame, std::move(step.decoded));
+    if (!status.ok()) error.set(std::move(status), index, step.frame);
+    ++counter.done;
+  };
+  tbb::parallel_pipeline(kFramesInFlight,
+                         tbb::make_filter<void, Step>(tbb::filter_mode::serial_in_order, read) &
+                             tbb::make_filter<Step, void>(tbb::filter_mode::parallel, write));
+}
+
+}  // namespace
+
+Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& plans,
+                    const PreparedCapture& capture, const ProgressSink& progress) {
+  for (std::size_t i = 0; i < plans.size(); ++i) {
+    const Camera& camera = capture.cameras[i];
+    fs::create_directories(fs::path(capture.frame_path(camera, 0)).parent_path());
+    if (!camera.test && !source.cameras[i].masks.empty()) {
+      fs::create_directories(fs::path(capture.mask_path(camera, 0)).parent_path());
+    }
+  }
+  FirstError error;
+  const std::uint64_t total = plans.size() * static_cast<std::uint64_t>(capture.frames);
+  STGS_TRY(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
+    tbb::parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
+      const CameraJob job{source.cameras[i], plans[i], capture, capture.cameras[i]};
+      write_camera(job, i, counter, error);
+    });
+    return error.status();
+  }));
+  return {};
+}
+
+}  // namespace stgs::encoder
