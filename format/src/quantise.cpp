@@ -11,6 +11,7 @@ namespace stgs {
 namespace {
 
 constexpr double kOctavesPerQuality = 1.0 / 12.5;
+constexpr double kDeadZone = 0.1;  // of a step, harmonics above degree 0
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
@@ -107,8 +108,8 @@ Integers begin(Attribute attribute, Mapping mapping, int exponent, int component
   return out;
 }
 
-// Linear with an origin a component where `from_least`, else zero-centred.
-Integers linear(const Gaussians4D& part, Attribute attribute, int exponent, bool from_least) {
+// Linear from the least value of each component.
+Integers linear(const Gaussians4D& part, Attribute attribute, int exponent) {
   const int components = components_of(attribute);
   const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
@@ -119,10 +120,8 @@ Integers linear(const Gaussians4D& part, Attribute attribute, int exponent, bool
       k[i] = std::clamp(nearest(view.data[i * view.stride + c], exponent), -kMaxInteger / 2,
                         kMaxInteger / 2 - 1);
     }
-    const std::int64_t least = from_least ? *std::min_element(k.begin(), k.end()) : 0;
-    if (from_least) {
-      out.origin[c] = static_cast<float>(std::ldexp(static_cast<double>(least), exponent));
-    }
+    const std::int64_t least = *std::min_element(k.begin(), k.end());
+    out.origin[c] = static_cast<float>(std::ldexp(static_cast<double>(least), exponent));
     for (std::size_t i = 0; i < n; ++i) {
       out.values[c * n + i] = static_cast<std::uint32_t>(k[i] - least);
     }
@@ -165,6 +164,33 @@ Integers rotation(const Gaussians4D& part, int exponent) {
     const std::array<double, 4> q = canonical(part.rotation.data() + 4 * i);
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], exponent));
+    }
+  }
+  return out;
+}
+
+// A little towards 0 before rounding: more zeros for less than they cost (spec 8.5).
+double towards_zero(double x, int exponent) {
+  return std::copysign(std::max(0.0, std::abs(x) - std::ldexp(kDeadZone, exponent)), x);
+}
+
+// Luma and two chroma integers for each coefficient, zero-centred (spec 7.5.6).
+Integers colour(const Gaussians4D& part, Attribute attribute, int exponent) {
+  const auto components = static_cast<std::size_t>(components_of(attribute));
+  const std::size_t n = part.size();
+  const AttributeView<const float> view = view_of(part, attribute);
+  const bool dead_zone = attribute != Attribute::kSh0;
+  Integers out = begin(attribute, Mapping::kColour, exponent, static_cast<int>(components), n);
+  for (std::size_t c = 0; c < components; c += 3) {
+    for (std::size_t i = 0; i < n; ++i) {
+      const float* channel = view.data + i * view.stride + c;
+      const double r = channel[0], g = channel[1], b = channel[2];
+      const double planes[3] = {0.25 * (r + 2.0 * g + b), 0.5 * (r - b), 0.25 * (2.0 * g - r - b)};
+      for (std::size_t k = 0; k < 3; ++k) {
+        out.values[(c + k) * n + i] = static_cast<std::uint32_t>(
+            std::clamp(nearest(dead_zone ? towards_zero(planes[k], exponent) : planes[k], exponent),
+                       -kMaxInteger / 4, kMaxInteger / 4));
+      }
     }
   }
   return out;
@@ -216,19 +242,19 @@ Quantiser::Quantiser(const Gaussians4D& set, std::uint32_t frames, int quality) 
   };
   const double size = typical_log_scale(set) / std::log(2.0);
   coarsest_position_ = exponent_for(extent_of(set).largest() * 1.000001, kMortonBits);
-  steps_.position = std::clamp(exponent(size - 2.5), -100, 100);
-  steps_.displacement = steps_.position;
+  steps_.position = std::clamp(exponent(size - 3.5), -100, 100);
+  steps_.displacement = steps_.position + 3;
   double latest = frames;
   for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
-  steps_.time = std::max(exponent(-4.0 + 0.2), exponent_for(latest * 1.000001, 23));
-  steps_.lifespan_shift = std::clamp(exponent(19.0 + 0.4), 16, 22);
-  steps_.log_scale = exponent(-4.0 + 0.6);
-  steps_.rotation = std::clamp(exponent(-8.0 + 0.8), -12, -4);
+  steps_.time = std::max(exponent(-3.0 + 0.2), exponent_for(latest * 1.000001, 23));
+  steps_.lifespan_shift = std::clamp(exponent(20.0 + 0.4), 16, 22);
+  steps_.log_scale = exponent(-5.0 + 0.6);
+  steps_.rotation = std::clamp(exponent(-7.0 + 0.8), -12, -4);
   steps_.opacity = exponent(-4.0 + 0.1);
   steps_.sh[0] = exponent(-6.0 + 0.3);
-  steps_.sh[1] = exponent(-4.0 + 0.5);
-  steps_.sh[2] = exponent(-4.0 + 0.7);
-  steps_.sh[3] = exponent(-4.0 + 0.9);
+  steps_.sh[1] = exponent(-6.0 + 0.5);
+  steps_.sh[2] = exponent(-6.0 + 0.7);
+  steps_.sh[3] = exponent(-5.0 + 0.9);
 }
 
 Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set) const {
@@ -246,21 +272,21 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set) const {
   return out;
 }
 
-std::vector<Integers> Quantiser::quantise(const Gaussians4D& part) const {
-  std::vector<std::uint32_t> order;
+std::vector<Integers> Quantiser::quantise(const Gaussians4D& part,
+                                          std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
   out.push_back(position(part, steps_.position, order));
   const Gaussians4D sorted = part.gather(order);
-  out.push_back(linear(sorted, Attribute::kTime, steps_.time, true));
+  out.push_back(linear(sorted, Attribute::kTime, steps_.time));
   out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
   out.push_back(displacement(sorted, steps_.displacement, frames_));
-  out.push_back(linear(sorted, Attribute::kLogScale, steps_.log_scale, true));
+  out.push_back(linear(sorted, Attribute::kLogScale, steps_.log_scale));
   out.push_back(rotation(sorted, steps_.rotation));
-  out.push_back(linear(sorted, Attribute::kOpacity, steps_.opacity, true));
+  out.push_back(linear(sorted, Attribute::kOpacity, steps_.opacity));
   for (int band = 0; band <= part.sh_degree; ++band) {
     const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
-    out.push_back(linear(sorted, attribute, steps_.sh[band], false));
+    out.push_back(colour(sorted, attribute, steps_.sh[band]));
   }
   return out;
 }

@@ -30,8 +30,9 @@ class Quantiser {
 
   // The set with time, sigma, radius and opacity as a decoder will see them.
   Gaussians4D snap_lifespans(const Gaussians4D& set) const;
-  // Integers of a segment's primitives, whose lifespans are snapped, in Morton order.
-  std::vector<Integers> quantise(const Gaussians4D& part) const;
+  // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
+  // set to the indices in that order.
+  std::vector<Integers> quantise(const Gaussians4D& part, std::vector<std::uint32_t>& order) const;
   // Largest step of a position, scene units.
   float position_step() const;
   const Steps& steps() const { return steps_; }

@@ -149,7 +149,14 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(const std::string& path,
 }
 
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
-  STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(path, limits));
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
+  return read_scene(std::move(source), limits);
+}
+
+Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits) {
+  const std::string path = source->name();
+  STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
+              SceneReader::open(std::move(source), limits));
   const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", path,

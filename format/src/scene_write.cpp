@@ -114,11 +114,12 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
 struct Body {
   FileIndex index;
   std::vector<std::vector<std::uint8_t>> records;
+  std::vector<std::uint32_t> order;  // index in the scene of each primitive of the file
 };
 
 Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantiser,
                  double chunk_ticks, std::uint32_t frames, int zstd_level) {
-  const std::vector<SegmentMembers> segments =
+  std::vector<SegmentMembers> segments =
       segments_of(set, chunk_ticks, frames, !quantiser.has_value());
   Body body;
   body.index.chunk_ticks = chunk_ticks;
@@ -127,8 +128,16 @@ Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantis
   std::vector<std::vector<std::uint64_t>> bytes(segments.size());
   tbb::parallel_for(std::size_t{0}, segments.size(), [&](std::size_t s) {
     const Gaussians4D part = set.gather(segments[s].members);
-    const std::vector<Integers> integers =
-        quantiser ? quantiser->quantise(part) : lossless_integers(part);
+    std::vector<std::uint32_t>& members = segments[s].members;
+    std::vector<Integers> integers;
+    if (quantiser) {
+      std::vector<std::uint32_t> order;
+      integers = quantiser->quantise(part, order);
+      for (std::uint32_t& i : order) i = members[i];
+      members = std::move(order);
+    } else {
+      integers = lossless_integers(part);
+    }
     std::vector<EncodedStream> streams(integers.size());
     tbb::parallel_for(std::size_t{0}, integers.size(),
                       [&](std::size_t i) { streams[i] = encode_stream(integers[i], zstd_level); });
@@ -145,7 +154,10 @@ Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantis
     for (const auto& segment : bytes) total.bytes += segment[body.index.attributes.size()];
     body.index.attributes.push_back(total);
   }
-  for (const IndexEntry& entry : body.index.entries) body.index.primitives += entry.primitives;
+  for (const SegmentMembers& segment : segments) {
+    body.index.primitives += segment.members.size();
+    body.order.insert(body.order.end(), segment.members.begin(), segment.members.end());
+  }
   return body;
 }
 
@@ -172,7 +184,8 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings) {
+Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
+                                               std::vector<std::uint32_t>* order) {
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene.gaussians));
   STGS_TRY(check_values(scene.gaussians));
@@ -190,6 +203,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     set_bounds(set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
     Body body =
         encode_body(set, quantiser, chunk_ticks, scene.metadata.frames, settings.zstd_level);
+    if (order != nullptr) *order = std::move(body.order);
     return assemble(metadata, body);
   } catch (const std::exception& e) {
     return runtime_error("cannot encode {} primitives: {}", scene.gaussians.size(), e.what());

@@ -19,7 +19,8 @@ StreamEntry read_entry(ByteReader& in) {  // spec 6.2
   entry.mapping = in.u8();
   entry.prediction = in.u8();
   entry.coder = in.u8();
-  entry.planes = in.u8();
+  entry.digit_bits = in.u8();
+  entry.digits = in.u8();
   entry.exponent = static_cast<std::int8_t>(in.u8());
   entry.bytes = in.u64();
   entry.checksum = in.u64();
@@ -33,7 +34,8 @@ void write_entry(const StreamEntry& entry, ByteWriter& out) {
   out.u8(entry.mapping);
   out.u8(entry.prediction);
   out.u8(entry.coder);
-  out.u8(entry.planes);
+  out.u8(entry.digit_bits);
+  out.u8(entry.digits);
   out.u8(static_cast<std::uint8_t>(entry.exponent));
   out.u64(entry.bytes);
   out.u64(entry.checksum);

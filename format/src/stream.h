@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One attribute of one segment as bytes: mapping to integers, prediction, byte planes, entropy
+// One attribute of one segment as bytes: mapping to integers, prediction, planes of digits, entropy
 // coder (spec 7).
 #pragma once
 
@@ -20,6 +20,7 @@ enum class Mapping : std::uint8_t {
   kTruncated = 2,     // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
   kDisplacement = 3,  // 2^(exponent - log2 of the lifespan) q
   kRotation = 4,      // vector part of a unit quaternion in units of 2^exponent
+  kColour = 5,        // 2^exponent times the channels of luma and two chroma integers
 };
 // How q follows from the values v of the planes (spec 7.4).
 enum class Prediction : std::uint8_t {
@@ -30,7 +31,7 @@ enum class Prediction : std::uint8_t {
 };
 enum class Coder : std::uint8_t { kStored = 0, kZstd = 1 };
 
-inline constexpr std::size_t kStreamEntryBytes = 36;
+inline constexpr std::size_t kStreamEntryBytes = 37;
 inline constexpr int kMortonBits = 21;  // an axis
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1}
                                             << 24;  // |q| below it is exact in float32
@@ -40,7 +41,7 @@ struct StreamEntry {
   std::uint16_t attribute = 0;
   std::uint8_t components = 0;  // of the planes
   std::uint8_t mapping = 0, prediction = 0, coder = 0;
-  std::uint8_t planes = 0;  // bytes a value
+  std::uint8_t digit_bits = 8, digits = 0;  // of a value; 8 / digit_bits neighbours share a byte
   std::int8_t exponent = 0;
   std::uint64_t bytes = 0;     // stored
   std::uint64_t checksum = 0;  // of the decoded planes
@@ -69,9 +70,13 @@ struct StreamPlace {
   std::uint32_t segment = 0;
   std::uint64_t offset = 0;  // of the stream's bytes, or its table row
 };
+// Bytes of a plane: one digit of n values.
+constexpr std::uint64_t plane_bytes(std::uint64_t n, int digit_bits) {
+  return (n * static_cast<std::uint64_t>(digit_bits) + 7) / 8;
+}
 // Checks a row against what this version knows.
 bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings);
-// Entropy-decodes to components x planes x n bytes and checks them.
+// Entropy-decodes to components x digits planes and checks them.
 bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> stored,
                    std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
                    Findings& findings);

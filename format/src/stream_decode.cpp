@@ -21,15 +21,36 @@ float power_of_two(int e) {
   return std::bit_cast<float>(static_cast<std::uint32_t>(std::clamp(e, -126, 127) + 127) << 23);
 }
 
-// Values [first, first + count) of a component from its planes.
-void load(const std::uint8_t* planes, int plane_count, std::size_t n, std::size_t first,
+// Adds digit number `digit` of `count` values; `from` is the byte of the first, which begins it.
+template <int kDigitBits>
+void add_digit(const std::uint8_t* from, int digit, std::size_t count, std::uint32_t* out) {
+  constexpr std::size_t kPerByte = 8 / kDigitBits;
+  constexpr std::uint32_t kMask = (1u << kDigitBits) - 1;
+  const int shift = kDigitBits * digit;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto place = static_cast<int>(i % kPerByte) * kDigitBits;
+    out[i] |= (std::uint32_t{from[i / kPerByte]} >> place & kMask) << shift;
+  }
+}
+
+// Values [first, first + count) of a component of n values; first is a multiple of 8.
+void load(const StreamEntry& entry, const std::uint8_t* planes, std::size_t n, std::size_t first,
           std::size_t count, std::uint32_t* out) {
-  const std::uint8_t* low = planes + first;
-  for (std::size_t i = 0; i < count; ++i) out[i] = low[i];
-  for (int plane = 1; plane < plane_count; ++plane) {
-    const std::uint8_t* from = planes + static_cast<std::size_t>(plane) * n + first;
-    const int shift = 8 * plane;
-    for (std::size_t i = 0; i < count; ++i) out[i] |= std::uint32_t{from[i]} << shift;
+  std::fill_n(out, count, 0u);
+  const std::size_t plane = plane_bytes(n, entry.digit_bits);
+  const std::uint8_t* from = planes + first * entry.digit_bits / 8;
+  for (int digit = 0; digit < entry.digits; ++digit, from += plane) {
+    switch (entry.digit_bits) {
+      case 2:
+        add_digit<2>(from, digit, count, out);
+        break;
+      case 4:
+        add_digit<4>(from, digit, count, out);
+        break;
+      default:
+        add_digit<8>(from, digit, count, out);
+        break;
+    }
   }
 }
 
@@ -109,6 +130,21 @@ bool map_rotation(const StreamEntry& entry, const std::array<Block, 3>& q, std::
   return good;
 }
 
+// Channels from luma and chroma, in integers (spec 7.5.6).
+bool map_colour(const StreamEntry& entry, int component, const std::array<Block, 3>& q,
+                std::size_t count, Output out) {
+  const float step = power_of_two(entry.exponent);
+  float* to = out.to + component;
+  for (std::size_t i = 0; i < count; ++i, to += out.stride) {
+    const std::uint32_t luma = q[0][i], orange = q[1][i], green = q[2][i];
+    const std::uint32_t rest = luma - green;
+    to[0] = step * static_cast<float>(static_cast<std::int32_t>(rest + orange));
+    to[1] = step * static_cast<float>(static_cast<std::int32_t>(luma + green));
+    to[2] = step * static_cast<float>(static_cast<std::int32_t>(rest - orange));
+  }
+  return true;
+}
+
 bool map_float(int component, const std::uint32_t* q, std::size_t count, Output out) {
   for (std::size_t i = 0; i < count; ++i) {
     out.to[i * out.stride + static_cast<std::size_t>(component)] = std::bit_cast<float>(q[i]);
@@ -121,7 +157,7 @@ bool map_morton(const StreamEntry& entry, const std::uint8_t* planes, std::size_
   std::uint64_t key = 0, overflow = 0;
   for (std::size_t i = 0; i < n; ++i) {
     std::uint64_t delta = 0;
-    for (int plane = 0; plane < entry.planes; ++plane) {
+    for (int plane = 0; plane < entry.digits; ++plane) {
       delta |= std::uint64_t{planes[static_cast<std::size_t>(plane) * n + i]} << (8 * plane);
     }
     key += delta;
@@ -148,10 +184,20 @@ bool mapping_fits(const StreamEntry& entry) {
              entry.exponent >= 0 && entry.exponent <= 23;
     case Mapping::kDisplacement:
       return attribute == Attribute::kVelocity;
+    case Mapping::kColour:
+      return attribute >= Attribute::kSh0;
     case Mapping::kRotation:
       return attribute == Attribute::kRotation && entry.exponent <= -4 && entry.exponent >= -12;
   }
   return false;
+}
+
+// Values of 32 bits, Morton differences of 64 in whole bytes (spec 7.3).
+bool digits_fit(const StreamEntry& entry, bool morton) {
+  const int bits = entry.digit_bits * entry.digits;
+  if (morton) return entry.digit_bits == 8 && bits >= 8 && bits <= 64;
+  const bool width = entry.digit_bits == 2 || entry.digit_bits == 4 || entry.digit_bits == 8;
+  return width && bits >= 1 && bits <= 32;
 }
 
 }  // namespace
@@ -164,7 +210,7 @@ int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
 bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings) {
   const auto attribute = static_cast<Attribute>(entry.attribute);
   const char* name = name_of(attribute);
-  if (entry.mapping > 4 || entry.prediction > 3 || entry.coder > 1) {
+  if (entry.mapping > 5 || entry.prediction > 3 || entry.coder > 1) {
     findings.unsupported(N::kStreamUnsupported, place.offset,
                          "segment {}, {}: mapping {}, prediction {}, coder {}: one of them is "
                          "unknown to this version",
@@ -180,12 +226,13 @@ bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings
   const bool bits_plain =
       static_cast<Mapping>(entry.mapping) != Mapping::kFloat || prediction == Prediction::kPlain;
   if (!mapping_fits(entry) || entry.components != components || (morton && !position) ||
-      !bits_plain || entry.planes < 1 || entry.planes > (morton ? 8 : 4)) {
-    findings.error(N::kStreamShape, place.offset,
-                   "segment {}, {}: mapping {} with prediction {}, {} components of {} bytes and "
-                   "exponent {} is not allowed",
-                   place.segment, name, entry.mapping, entry.prediction, entry.components,
-                   entry.planes, entry.exponent);
+      !bits_plain || !digits_fit(entry, morton)) {
+    findings.error(
+        N::kStreamShape, place.offset,
+        "segment {}, {}: mapping {} with prediction {}, {} components of {} digits of {} "
+        "bits and exponent {} is not allowed",
+        place.segment, name, entry.mapping, entry.prediction, entry.components, entry.digits,
+        entry.digit_bits, entry.exponent);
     return false;
   }
   return true;
@@ -195,7 +242,8 @@ bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> store
                    std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
                    Findings& findings) {
   const char* name = name_of(static_cast<Attribute>(entry.attribute));
-  const std::uint64_t size = primitives * entry.components * entry.planes;
+  const std::uint64_t size =
+      plane_bytes(primitives, entry.digit_bits) * entry.components * entry.digits;
   const bool zstd = static_cast<Coder>(entry.coder) == Coder::kZstd;
   // The frame states its size: checked before anything is allocated (spec 7.2).
   const std::uint64_t stated =
@@ -238,15 +286,16 @@ bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
     good = map_morton(entry, planes.data(), n, {view.data, view.stride});
   } else {
     std::array<std::uint32_t, 32> carry{};
-    std::array<Block, 3> q;  // of a rotation all three, else the first
+    std::array<Block, 3> q;  // three components at a time where they belong together
+    const bool together = mapping == Mapping::kRotation || mapping == Mapping::kColour;
+    const std::size_t component_bytes = plane_bytes(n, entry.digit_bits) * entry.digits;
     for (std::size_t first = 0; first < n; first += kBlock) {
       const std::size_t count = std::min(kBlock, n - first);
       const Output out{view.data + first * view.stride, view.stride};
       for (int c = 0; c < entry.components; ++c) {
-        std::uint32_t* block =
-            q[mapping == Mapping::kRotation ? static_cast<std::size_t>(c) : 0].data();
-        load(planes.data() + static_cast<std::size_t>(c) * entry.planes * n, entry.planes, n, first,
-             count, block);
+        std::uint32_t* block = q[together ? static_cast<std::size_t>(c) % 3 : 0].data();
+        load(entry, planes.data() + static_cast<std::size_t>(c) * component_bytes, n, first, count,
+             block);
         undo_prediction(prediction, count, carry[static_cast<std::size_t>(c)], block);
         switch (mapping) {
           case Mapping::kFloat:
@@ -265,6 +314,10 @@ bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
           case Mapping::kRotation:
             good &= excess(block, count) == 0;
             if (c == 2) good &= map_rotation(entry, q, count, out);
+            break;
+          case Mapping::kColour:
+            good &= excess(block, count) == 0;
+            if (c % 3 == 2) good &= map_colour(entry, c - 2, q, count, out);
             break;
         }
       }

@@ -16,41 +16,57 @@ namespace stgs {
 namespace {
 
 struct Planes {
-  int count = 1;  // bytes a value
+  int digit_bits = 8, digits = 1;
+  std::size_t bytes_each = 0;
   std::vector<std::uint8_t> bytes;
 };
 
 template <typename Value>
-Planes split(std::span<const Value> values, std::size_t components) {
+Planes split(std::span<const Value> values, std::size_t components, int digit_bits) {
   Value all = 0;
   for (Value v : values) all |= v;
-  Planes out;
-  out.count = std::max(1, (static_cast<int>(std::bit_width(all)) + 7) / 8);
   const std::size_t n = values.size() / components;
-  out.bytes.resize(values.size() * static_cast<std::size_t>(out.count));
+  Planes out;
+  out.digit_bits = digit_bits;
+  out.digits = std::max(1, (static_cast<int>(std::bit_width(all)) + digit_bits - 1) / digit_bits);
+  out.bytes_each = plane_bytes(n, digit_bits);
+  out.bytes.resize(out.bytes_each * components * static_cast<std::size_t>(out.digits));
+  const int per_byte = 8 / digit_bits;
+  const Value mask = static_cast<Value>((1u << digit_bits) - 1);
   std::uint8_t* to = out.bytes.data();
   for (std::size_t c = 0; c < components; ++c) {
-    for (int plane = 0; plane < out.count; ++plane) {
-      const Value* from = values.data() + c * n;
-      for (std::size_t i = 0; i < n; ++i) *to++ = static_cast<std::uint8_t>(from[i] >> (8 * plane));
+    const Value* from = values.data() + c * n;
+    for (int digit = 0; digit < out.digits; ++digit, to += out.bytes_each) {
+      const int shift = digit * digit_bits;
+      for (std::size_t i = 0; i < n; ++i) {
+        const int place = static_cast<int>(i % static_cast<std::size_t>(per_byte)) * digit_bits;
+        to[i / static_cast<std::size_t>(per_byte)] |=
+            static_cast<std::uint8_t>((from[i] >> shift & mask) << place);
+      }
     }
   }
   return out;
 }
 
-// Bits that an ideal order-0 coder would spend, plane by plane.
-double entropy_bits(const Planes& planes, std::size_t n) {
-  double bits = 0.0;
-  for (std::size_t at = 0; at < planes.bytes.size(); at += n) {
+// Bytes that zstd's literals take, plane by plane: order-0 entropy, but a bit a byte at least.
+double estimate(const Planes& planes) {
+  double bytes = 0.0;
+  for (std::size_t at = 0; at < planes.bytes.size(); at += planes.bytes_each) {
     std::array<std::size_t, 256> counts{};
-    for (std::size_t i = 0; i < n; ++i) ++counts[planes.bytes[at + i]];
+    for (std::size_t i = 0; i < planes.bytes_each; ++i) ++counts[planes.bytes[at + i]];
+    const auto n = static_cast<double>(planes.bytes_each);
+    double bits = 0.0;
+    std::size_t symbols = 0;
     for (std::size_t count : counts) {
       if (count == 0) continue;
-      const auto p = static_cast<double>(count);
-      bits -= p * std::log2(p / static_cast<double>(n));
+      ++symbols;
+      bits -= static_cast<double>(count) * std::log2(static_cast<double>(count) / n);
     }
+    // A plane of one value is a run; a table costs about half a byte a symbol.
+    if (symbols > 1)
+      bytes += std::min(n, std::max(bits, n) / 8.0 + 0.5 * static_cast<double>(symbols));
   }
-  return bits;
+  return bytes;
 }
 
 std::vector<std::uint32_t> predict(const Integers& integers, Prediction prediction) {
@@ -67,7 +83,7 @@ std::vector<std::uint32_t> predict(const Integers& integers, Prediction predicti
 }
 
 // One zstd frame. A block ends with each plane, so that every plane gets its own statistics.
-std::vector<std::uint8_t> compress(const Planes& planes, std::size_t n, int level) {
+std::vector<std::uint8_t> compress(const Planes& planes, int level) {
   const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
                                                                      &ZSTD_freeCCtx);
   if (!context) throw std::bad_alloc();
@@ -77,6 +93,7 @@ std::vector<std::uint8_t> compress(const Planes& planes, std::size_t n, int leve
   };
   check(ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, level));
   check(ZSTD_CCtx_setPledgedSrcSize(context.get(), planes.bytes.size()));
+  const std::size_t n = planes.bytes_each;
   const std::size_t blocks = planes.bytes.size() / n;
   std::vector<std::uint8_t> out(ZSTD_compressBound(planes.bytes.size()) + 16 * blocks);
   ZSTD_outBuffer to{out.data(), out.size(), 0};
@@ -101,22 +118,25 @@ Candidate best_prediction(const Integers& integers) {
   if (!integers.morton.empty()) {
     std::vector<std::uint64_t> deltas(integers.morton.size());
     std::adjacent_difference(integers.morton.begin(), integers.morton.end(), deltas.begin());
-    return {Prediction::kMorton, split<std::uint64_t>(deltas, 1)};
+    return {Prediction::kMorton, split<std::uint64_t>(deltas, 1, 8)};
   }
   if (integers.mapping == Mapping::kFloat) {
-    return {Prediction::kPlain, split<std::uint32_t>(integers.values, components)};
+    return {Prediction::kPlain, split<std::uint32_t>(integers.values, components, 8)};
   }
   const bool negative = std::any_of(integers.values.begin(), integers.values.end(),
                                     [](std::uint32_t v) { return (v >> 31) != 0; });
   Candidate best;
-  double best_bits = 0.0;
+  double best_bytes = 0.0;
   for (Prediction prediction : {Prediction::kPlain, Prediction::kZigzag, Prediction::kDelta}) {
     if (prediction == (negative ? Prediction::kPlain : Prediction::kZigzag)) continue;
-    Planes planes = split<std::uint32_t>(predict(integers, prediction), components);
-    const double bits = entropy_bits(planes, integers.values.size() / components);
-    if (best.planes.bytes.empty() || bits < best_bits) {
-      best = {prediction, std::move(planes)};
-      best_bits = bits;
+    const std::vector<std::uint32_t> predicted = predict(integers, prediction);
+    for (int digit_bits : {8, 4, 2}) {
+      Planes planes = split<std::uint32_t>(predicted, components, digit_bits);
+      const double bytes = estimate(planes);
+      if (best.planes.bytes.empty() || bytes < best_bytes) {
+        best = {prediction, std::move(planes)};
+        best_bytes = bytes;
+      }
     }
   }
   return best;
@@ -132,14 +152,12 @@ EncodedStream encode_stream(const Integers& integers, int zstd_level) {
   out.entry.components = static_cast<std::uint8_t>(morton ? 1 : integers.components);
   out.entry.mapping = static_cast<std::uint8_t>(integers.mapping);
   out.entry.prediction = static_cast<std::uint8_t>(candidate.prediction);
-  out.entry.planes = static_cast<std::uint8_t>(candidate.planes.count);
+  out.entry.digit_bits = static_cast<std::uint8_t>(candidate.planes.digit_bits);
+  out.entry.digits = static_cast<std::uint8_t>(candidate.planes.digits);
   out.entry.exponent = static_cast<std::int8_t>(integers.exponent);
   std::copy_n(integers.origin, 3, out.entry.origin);
   out.entry.checksum = checksum(candidate.planes.bytes);
-  const std::size_t n =
-      morton ? integers.morton.size()
-             : integers.values.size() / static_cast<std::size_t>(integers.components);
-  out.bytes = compress(candidate.planes, n, zstd_level);
+  out.bytes = compress(candidate.planes, zstd_level);
   out.entry.coder = static_cast<std::uint8_t>(Coder::kZstd);
   if (out.bytes.size() >= candidate.planes.bytes.size()) {
     out.bytes = std::move(candidate.planes.bytes);

@@ -36,11 +36,12 @@ inline Scene random_scene(std::size_t n, int sh_degree, std::uint32_t frames, un
     for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] = normal(random);
     set.opacity_logit[i] = 2.2f * normal(random);
     const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
+    const float gloss = std::exp(0.5f * normal(random));  // most are dull, a few shine
     for (std::size_t k = 0; k < coefficients; ++k) {
-      const float spread = k == 0 ? 0.8f : k < 4 ? 0.06f : k < 9 ? 0.04f : 0.03f;
+      const float spread = k == 0 ? 0.8f : gloss * (k < 4 ? 0.05f : k < 9 ? 0.03f : 0.02f);
       const float shared = normal(random);
       for (std::size_t c = 0; c < 3; ++c) {
-        set.sh[(i * coefficients + k) * 3 + c] = spread * (0.8f * shared + 0.6f * normal(random));
+        set.sh[(i * coefficients + k) * 3 + c] = spread * (0.92f * shared + 0.39f * normal(random));
       }
     }
     set.time[i] = is_static ? 0.5f * clip : clip * uniform(random);

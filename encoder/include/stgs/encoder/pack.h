@@ -15,14 +15,18 @@ struct PackSettings {
 };
 
 struct PackReport {
-  std::uint64_t primitives = 0;
+  std::uint64_t primitives = 0;  // written
+  std::uint64_t dropped = 0;     // never visible within the clip
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
   // Largest and root-mean-square errors of what was written, measured by decoding it.
   double position_max = 0, position_rms = 0;  // scene units
-  double colour_rms = 0, opacity_max = 0;
+  double colour_rms = 0;   // of the degree-0 colour, sRGB-encoded, 0..1
+  double opacity_max = 0;  // 0..1
 };
 
+// Reads a scene, writes it quantised (atomically), decodes the result and reports its errors;
+// `report` may be null.
 Status pack(const std::string& scene_path, const std::string& output_path,
             const PackSettings& settings, PackReport* report);
 

@@ -103,12 +103,15 @@ struct WriteSettings {
   int zstd_level = 9;          // 1..19
 };
 
-// The bytes of a whole file.
-Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings);
+// The bytes of a whole file. `order`, where given, receives for each primitive of the file its index
+// in `scene`. The quantised profile leaves out what is never visible within the clip.
+Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
+                                               std::vector<std::uint32_t>* order = nullptr);
 // encode_scene, then write_file_atomically.
 Status write_scene(const std::string& path, const Scene& scene, const WriteSettings& settings);
 // All segments of a file; primitives in file order.
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
+Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits = {});
 
 // One finding of a validation.
 struct Issue {

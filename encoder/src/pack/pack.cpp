@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/pack.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "stgs/format/math/blend.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr double kShDc = 0.28209479177387814;  // value of the degree-0 harmonic
+
+// Errors of `decoded`, whose primitive i was primitive order[i] of `original`.
+void measure(const Gaussians4D& original, const Gaussians4D& decoded,
+             const std::vector<std::uint32_t>& order, PackReport& report) {
+  const auto sh_stride = static_cast<std::size_t>(3 * original.sh_coefficients());
+  double position_sum = 0.0, colour_sum = 0.0;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const std::size_t j = order[i];
+    double squared = 0.0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double dx = decoded.position[3 * i + c] - double{original.position[3 * j + c]};
+      const double dc =
+          kShDc * (decoded.sh[i * sh_stride + c] - double{original.sh[j * sh_stride + c]});
+      squared += dx * dx;
+      colour_sum += dc * dc;
+    }
+    position_sum += squared;
+    report.position_max = std::max(report.position_max, std::sqrt(squared));
+    const double opacity_error = std::abs(double{math::opacity_of(decoded.opacity_logit[i])} -
+                                          math::opacity_of(original.opacity_logit[j]));
+    report.opacity_max = std::max(report.opacity_max, opacity_error);
+  }
+  const double n = std::max<double>(1.0, static_cast<double>(order.size()));
+  report.position_rms = std::sqrt(position_sum / n);
+  report.colour_rms = std::sqrt(colour_sum / (3.0 * n));
+}
+
+}  // namespace
+
+Status pack(const std::string& scene_path, const std::string& output_path,
+            const PackSettings& settings, PackReport* report) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> input, open_file(scene_path));
+  STGS_ASSIGN(const Scene scene, read_scene(scene_path));
+  WriteSettings write;
+  write.profile = Profile::kQuantised;
+  write.quality = settings.quality;
+  write.chunk_seconds = settings.chunk_seconds;
+  std::vector<std::uint32_t> order;
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode_scene(scene, write, &order));
+  // Decoded before it is published: a file that pack leaves behind has been read once.
+  STGS_ASSIGN(const Scene decoded, read_scene(memory_source(bytes, output_path)));
+  STGS_TRY(write_file_atomically(output_path, bytes));
+  if (report == nullptr) return {};
+  *report = {};
+  report->primitives = order.size();
+  report->dropped = scene.gaussians.size() - order.size();
+  report->bytes_in = input->size();
+  report->bytes_out = bytes.size();
+  report->bytes_per_primitive =
+      static_cast<double>(bytes.size()) / std::max<double>(1.0, static_cast<double>(order.size()));
+  measure(scene.gaussians, decoded.gaussians, order, *report);
+  return {};
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a reader and the validator say of damaged and hostile files.
+#include <xxhash.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <set>
+
+#include "scene_fixture.h"
+
+using namespace stgs;
+using stgs::testing::random_scene;
+using Bytes = std::vector<std::uint8_t>;
+
+namespace {
+
+constexpr std::size_t kHeader = 40, kRecord = 32;
+
+Bytes small_file(Profile profile, std::size_t n = 40) {
+  WriteSettings settings;
+  settings.profile = profile;
+  auto bytes = encode_scene(random_scene(n, 1, 30, 21), settings);
+  REQUIRE(bytes.ok());
+  return std::move(*bytes);
+}
+
+// Opens and decodes all of it.
+Status read_all(Bytes bytes) {
+  return read_scene(memory_source(std::move(bytes), "x.stgs")).status();
+}
+
+std::vector<Issue> issues_of(Bytes bytes, const ReadLimits& limits = {}) {
+  auto issues = validate_scene(*memory_source(std::move(bytes), "x.stgs"), limits);
+  INFO(issues.status().message());
+  REQUIRE(issues.ok());
+  return std::move(*issues);
+}
+
+std::set<int> numbers_of(const std::vector<Issue>& issues) {
+  std::set<int> out;
+  for (const Issue& issue : issues) out.insert(issue.number);
+  return out;
+}
+
+template <typename Value>
+Value get(const Bytes& bytes, std::size_t at) {
+  Value v;
+  std::memcpy(&v, bytes.data() + at, sizeof v);
+  return v;
+}
+template <typename Value>
+void put(Bytes& bytes, std::size_t at, Value v) {
+  std::memcpy(bytes.data() + at, &v, sizeof v);
+}
+
+void seal_header(Bytes& bytes) {
+  put<std::uint64_t>(bytes, 32, XXH3_64bits(bytes.data(), 32));
+}
+// Makes the checksums of the record at `at` right again.
+void seal_record(Bytes& bytes, std::size_t at) {
+  const auto length = get<std::uint64_t>(bytes, at + 8);
+  if (at + kRecord + length <= bytes.size()) {
+    put<std::uint64_t>(bytes, at + 16, XXH3_64bits(bytes.data() + at + kRecord, length));
+  }
+  put<std::uint64_t>(bytes, at + 24, XXH3_64bits(bytes.data() + at, 24));
+}
+std::size_t metadata_at(const Bytes&) {
+  return kHeader;
+}
+std::size_t index_at(const Bytes& bytes) {
+  return kHeader + kRecord + get<std::uint64_t>(bytes, kHeader + 8);
+}
+std::size_t body_at(const Bytes& bytes) {
+  return get<std::uint64_t>(bytes, 24);
+}
+
+// Changes one field of a valid file, seals the checksums around it, and returns the first number.
+template <typename Value>
+int first_issue(Bytes bytes, std::size_t record, std::size_t offset, Value value) {
+  put<Value>(bytes, record + kRecord + offset, value);
+  seal_record(bytes, record);
+  const Status status = read_all(bytes);
+  CHECK_FALSE(status.ok());
+  const auto issues = issues_of(bytes);
+  REQUIRE_FALSE(issues.empty());
+  INFO(status.message());
+  CHECK(status.message().find(fmt::format("issue {})", issues.front().number)) !=
+        std::string::npos);
+  return issues.front().number;
+}
+
+}  // namespace
+
+TEST_CASE("a sound file has no issues") {
+  CHECK(issues_of(small_file(Profile::kLossless)).empty());
+  CHECK(issues_of(small_file(Profile::kQuantised)).empty());
+  CHECK(issues_of(small_file(Profile::kQuantised, 3000)).empty());
+}
+
+TEST_CASE("a file cut anywhere is an error") {
+  for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    const Bytes whole = small_file(profile);
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      const Status status = read_all(cut);
+      const auto issues = issues_of(cut);
+      if (status.code() != StatusCode::kInvalidFile || issues.empty()) {
+        FAIL("cut to " << size << " bytes: " << status.message());
+      }
+    }
+  }
+}
+
+TEST_CASE("a file with bytes after its end is an error") {
+  Bytes bytes = small_file(Profile::kLossless);
+  bytes.push_back(0);
+  CHECK(read_all(bytes).message().find("bytes after its end") != std::string::npos);
+}
+
+TEST_CASE("every changed byte is found, reading and validating") {
+  for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    const Bytes whole = small_file(profile, 12);
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+      for (int flip : {0x01, 0x10, 0x80, 0xFF}) {
+        Bytes damaged = whole;
+        damaged[at] = static_cast<std::uint8_t>(damaged[at] ^ flip);
+        const Status status = read_all(damaged);
+        if (status.ok() || issues_of(damaged).empty()) {
+          FAIL("byte " << at << " ^ " << flip << ": " << status.message());
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("damage stays within its segment") {
+  Bytes bytes = small_file(Profile::kQuantised, 2000);
+  const auto sound = SceneReader::open(memory_source(bytes));
+  REQUIRE(sound.ok());
+  const auto segments = (*sound)->segments();
+  REQUIRE(segments.size() > 3);
+  const std::size_t at = segments[1].offset + segments[1].bytes / 2;
+  bytes[at] ^= 0x40;
+  const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
+  REQUIRE(reader.ok());
+  for (std::uint32_t s = 0; s < segments.size(); ++s) CHECK((*reader)->decode(s).ok() == (s != 1));
+  const std::string message = (*reader)->decode(1).status().message();
+  CHECK(message == fmt::format("x.stgs: segment 1 is damaged (checksum of {} bytes) (byte {}, "
+                               "issue 112)",
+                               segments[1].bytes - kRecord, segments[1].offset + kRecord));
+  for (const Issue& issue : issues_of(bytes)) {
+    CHECK(issue.offset >= segments[1].offset);
+    CHECK(issue.offset < segments[1].offset + segments[1].bytes);
+  }
+}
+
+TEST_CASE("the header's fields are checked one by one") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const auto change = [&](std::size_t at, auto value) {
+    Bytes bytes = whole;
+    put(bytes, at, value);
+    seal_header(bytes);
+    return std::make_pair(read_all(bytes), numbers_of(issues_of(bytes)));
+  };
+  CHECK(read_all({}).message() ==
+        "x.stgs: 0 bytes are too few for an .stgs file (byte 0, issue 101)");
+  CHECK(change(0, std::uint8_t{0x88}).second == std::set<int>{102});
+  CHECK(change(5, std::uint8_t{0x0D}).first.message().find("as text") != std::string::npos);
+  CHECK(change(8, std::uint16_t{1}).first.code() == StatusCode::kUnsupported);
+  CHECK(change(8, std::uint16_t{1}).second == std::set<int>{104});
+  CHECK(change(10, std::uint16_t{9}).first.ok());  // a newer minor version is read
+  CHECK(change(12, std::uint32_t{1}).second == std::set<int>{105});
+  CHECK(change(12, std::uint32_t{0x10000}).first.ok());
+  CHECK(change(16, std::uint64_t{1} << 60).second.count(106) == 1);
+  CHECK(change(24, std::uint64_t{1} << 60).second == std::set<int>{107});
+  CHECK(change(24, std::uint64_t{1}).second == std::set<int>{107});
+}
+
+TEST_CASE("the metadata's fields are checked one by one") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const std::size_t at = metadata_at(whole);
+  CHECK(first_issue(whole, at, 0, std::uint32_t{0}) == 202);
+  CHECK(first_issue(whole, at, 8, std::uint32_t{0}) == 202);
+  CHECK(first_issue(whole, at, 12, std::uint8_t{7}) == 201);
+  CHECK(first_issue(whole, at, 16, std::uint16_t{2}) == 201);
+  CHECK(first_issue(whole, at, 18, std::uint16_t{4}) == 203);
+  CHECK(first_issue(whole, at, 20, NAN) == 204);
+  CHECK(first_issue(whole, at, 32, 1e30f) == 204);
+  CHECK(first_issue(whole, at, 132, std::uint32_t{0xFFFFFFFF}) == 200);
+  CHECK(first_issue(whole, at, 136, std::uint8_t{0xFF}) == 205);
+}
+
+TEST_CASE("the index's claims are checked before anything is allocated") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const std::size_t at = index_at(whole);
+  const std::size_t entry = 24;
+  CHECK(first_issue(whole, at, 0, 0.0) == 301);
+  CHECK(first_issue(whole, at, 0, static_cast<double>(INFINITY)) == 301);
+  CHECK(first_issue(whole, at, 8, std::uint64_t{1} << 50) == 306);
+  CHECK(first_issue(whole, at, 16, std::uint32_t{0xFFFFFFFF}) == 300);
+  CHECK(first_issue(whole, at, 20, std::uint32_t{0xFFFFFFFF}) == 300);
+  CHECK(first_issue(whole, at, entry, std::int16_t{-2}) == 302);
+  CHECK(first_issue(whole, at, entry + 4, std::uint32_t{1000}) == 302);
+  CHECK(first_issue(whole, at, entry + 8, std::uint64_t{0}) == 304);
+  CHECK(first_issue(whole, at, entry + 8, ~std::uint64_t{0}) == 304);
+  CHECK(first_issue(whole, at, entry + 16, ~std::uint64_t{0}) == 304);
+  CHECK(first_issue(whole, at, entry + 24, ~std::uint32_t{0}) == 305);
+  CHECK(first_issue(whole, at, entry + 24, std::uint32_t{0}) == 305);
+  CHECK(first_issue(whole, at, entry + 28, std::int16_t{-1}) == 303);
+  ReadLimits limits;
+  limits.max_primitives = 39;
+  CHECK(numbers_of(issues_of(whole, limits)) == std::set<int>{307});
+  limits = {};
+  limits.max_memory = 2000;
+  CHECK(numbers_of(issues_of(whole, limits)) == std::set<int>{308});
+}
+
+TEST_CASE("a segment's table is checked row by row") {
+  const Bytes whole = small_file(Profile::kQuantised);
+  const std::size_t at = body_at(whole);
+  const std::size_t row = 16;
+  CHECK(first_issue(whole, at, 0, std::int16_t{3}) == 400);
+  CHECK(first_issue(whole, at, 8, std::uint32_t{5}) == 400);
+  CHECK(first_issue(whole, at, 12, ~std::uint32_t{0}) == 401);
+  CHECK(first_issue(whole, at, 12, std::uint32_t{3}) == 401);
+  CHECK(first_issue(whole, at, row, std::uint16_t{2}) == 402);
+  CHECK(first_issue(whole, at, row, std::uint16_t{0x4000}) == 402);
+  CHECK(first_issue(whole, at, row + 2, std::uint8_t{9}) == 404);
+  CHECK(first_issue(whole, at, row + 3, std::uint8_t{200}) == 403);
+  CHECK(first_issue(whole, at, row + 3, std::uint8_t{4}) == 404);
+  CHECK(first_issue(whole, at, row + 4, std::uint8_t{9}) == 403);
+  CHECK(first_issue(whole, at, row + 5, std::uint8_t{9}) == 403);
+  CHECK(first_issue(whole, at, row + 6, std::uint8_t{3}) == 404);
+  CHECK(first_issue(whole, at, row + 7, std::uint8_t{0}) == 404);
+  CHECK(first_issue(whole, at, row + 9, ~std::uint64_t{0}) == 401);
+  CHECK(first_issue(whole, at, row + 17, std::uint64_t{0}) == 406);
+}
+
+TEST_CASE("values that break the representation are found by the validator") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const std::size_t at = body_at(whole);
+  // Streams of the first segment are stored or packed; a wrong stated chunk or bound needs no
+  // decoding to be provoked.
+  Bytes bytes = whole;
+  put<float>(bytes, metadata_at(bytes) + kRecord + 44, -1e3f);
+  put<float>(bytes, metadata_at(bytes) + kRecord + 32, -2e3f);
+  seal_record(bytes, metadata_at(bytes));
+  CHECK(numbers_of(issues_of(bytes)) == std::set<int>{505});
+  CHECK(read_all(bytes).ok());  // a warning
+  bytes = whole;
+  put<double>(bytes, index_at(bytes) + kRecord, 5.0);
+  seal_record(bytes, index_at(bytes));
+  CHECK(numbers_of(issues_of(bytes)).count(504) == 1);
+  REQUIRE(at < whole.size());
+}
+
+TEST_CASE("unknown records are skipped unless they are critical") {
+  const Bytes whole = small_file(Profile::kLossless);
+  for (std::uint32_t critical : {0u, 1u}) {
+    Bytes extra(kRecord + 5, 0x55);
+    std::memcpy(extra.data(), "NOTE", 4);
+    put<std::uint32_t>(extra, 4, critical);
+    put<std::uint64_t>(extra, 8, 5);
+    seal_record(extra, 0);
+    // After the last segment.
+    Bytes bytes = whole;
+    bytes.insert(bytes.end(), extra.begin(), extra.end());
+    put<std::uint64_t>(bytes, 16, bytes.size());
+    seal_header(bytes);
+    CHECK(issues_of(bytes).empty() == (critical == 0));
+    CHECK(read_all(bytes).ok());
+    // In the head, before META; the segments move.
+    bytes = whole;
+    bytes.insert(bytes.begin() + kHeader, extra.begin(), extra.end());
+    put<std::uint64_t>(bytes, 16, bytes.size());
+    put<std::uint64_t>(bytes, 24, body_at(whole) + extra.size());
+    seal_header(bytes);
+    const std::size_t index = index_at(whole) + extra.size();
+    const auto segments = get<std::uint32_t>(bytes, index + kRecord + 16);
+    for (std::size_t s = 0; s < segments; ++s) {
+      const std::size_t offset = index + kRecord + 24 + 28 * s + 8;
+      put<std::uint64_t>(bytes, offset, get<std::uint64_t>(bytes, offset) + extra.size());
+    }
+    seal_record(bytes, index);
+    const Status status = read_all(bytes);
+    CHECK(status.code() == (critical == 0 ? StatusCode::kOk : StatusCode::kUnsupported));
+    CHECK(numbers_of(issues_of(bytes)) == (critical == 0 ? std::set<int>{} : std::set<int>{113}));
+  }
+}
+
+TEST_CASE("the validator goes on after the first finding") {
+  Bytes bytes = small_file(Profile::kQuantised, 2000);
+  const auto segments = (*SceneReader::open(memory_source(bytes)))->segments();
+  REQUIRE(segments.size() > 4);
+  for (std::size_t s : {std::size_t{0}, std::size_t{2}, segments.size() - 1}) {
+    bytes[segments[s].offset + segments[s].bytes - 1] ^= 1;
+  }
+  std::size_t damaged = 0;
+  for (const Issue& issue : issues_of(bytes)) damaged += issue.number == 112 ? 1 : 0;
+  CHECK(damaged == 3);
+}
+
+TEST_CASE("random bytes and random changes with right checksums never crash a reader") {
+  std::mt19937 random(77);
+  const Bytes whole = small_file(Profile::kQuantised, 60);
+  const auto segments = (*SceneReader::open(memory_source(whole)))->segments();
+  ReadLimits limits;
+  limits.max_memory = 1 << 24;
+  for (int trial = 0; trial < 3000; ++trial) {
+    Bytes bytes = whole;
+    const std::size_t s = random() % segments.size();
+    const std::size_t payload = segments[s].bytes - kRecord;
+    for (int change = 0; change < 3; ++change) {
+      // Mostly in the table, where the claims are.
+      const std::size_t reach = random() % 3 == 0 ? payload : std::min<std::size_t>(payload, 460);
+      bytes[segments[s].offset + kRecord + random() % reach] = static_cast<std::uint8_t>(random());
+    }
+    seal_record(bytes, segments[s].offset);
+    const auto result = read_scene(memory_source(bytes), limits);
+    (void)result;
+    const auto issues = validate_scene(*memory_source(bytes), limits);
+    REQUIRE(issues.ok());
+  }
+}

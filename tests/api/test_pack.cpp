@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/pack.h"
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+
+#include "scene_fixture.h"
+#include "stgs/format/raster.h"
+
+using namespace stgs;
+using stgs::testing::random_scene;
+
+namespace {
+
+math::PinholeCamera camera_of(float width, float height) {
+  math::PinholeCamera camera{};
+  camera.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  camera.fx = camera.fy = 0.9f * width;
+  camera.cx = 0.5f * width;
+  camera.cy = 0.5f * height;
+  camera.width = width;
+  camera.height = height;
+  camera.near_plane = 0.1f;
+  return camera;
+}
+
+// Mean over a few moments, of colours clamped to [0, 1].
+double psnr(const Gaussians4D& a, const Gaussians4D& b, std::uint32_t frames) {
+  SplatFrame splats;
+  RasterOutput left, right;
+  double squared = 0.0;
+  std::size_t samples = 0;
+  const auto camera = camera_of(320, 240);
+  for (float part : {0.1f, 0.5f, 0.83f}) {
+    const float t = part * static_cast<float>(frames);
+    render(a, t, camera, {}, splats, left);
+    render(b, t, camera, {}, splats, right);
+    for (std::size_t i = 0; i < left.colour.data.size(); ++i) {
+      const double d = std::min(1.0f, left.colour.data[i]) - std::min(1.0f, right.colour.data[i]);
+      squared += d * d;
+      ++samples;
+    }
+  }
+  return -10.0 * std::log10(squared / static_cast<double>(samples));
+}
+
+Gaussians4D quantised(const Scene& scene, int quality, std::uint64_t* bytes = nullptr) {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.quality = quality;
+  auto file = encode_scene(scene, settings);
+  INFO(file.status().message());
+  REQUIRE(file.ok());
+  if (bytes != nullptr) *bytes = file->size();
+  auto read = read_scene(memory_source(std::move(*file)));
+  INFO(read.status().message());
+  REQUIRE(read.ok());
+  return std::move(read->gaussians);
+}
+
+}  // namespace
+
+TEST_CASE("the quantised profile draws what the lossless one draws") {
+  const Scene scene = random_scene(20000, 3, 60, 11);
+  CHECK(psnr(scene.gaussians, quantised(scene, 85), 60) >= 45.0);
+}
+
+TEST_CASE("more quality is more bytes and a better picture") {
+  const Scene scene = random_scene(5000, 2, 60, 12);
+  std::uint64_t last_bytes = 0;
+  double last_psnr = 0.0;
+  for (int quality : {0, 20, 40, 60, 80, 100}) {
+    std::uint64_t bytes = 0;
+    const double db = psnr(scene.gaussians, quantised(scene, quality, &bytes), 60);
+    INFO("quality " << quality << ": " << bytes << " bytes, " << db << " dB");
+    CHECK(bytes > last_bytes);
+    CHECK(db > last_psnr);
+    last_bytes = bytes;
+    last_psnr = db;
+  }
+}
