@@ -18,6 +18,9 @@ namespace {
 
 using IntRow = hn::RebindToSigned<Row>;
 
+// List entries between a splat's fetch and its use.
+constexpr int kAhead = 6;
+
 // State of a tile's pixels. A pixel that is finished has its transmittance negated, so that no
 // splat passes the test against kTransmittanceMin any more.
 struct Tile {
@@ -53,10 +56,10 @@ struct Tile {
 HWY_INLINE bool blend_row(const RowSplat& r, const Splat& s, int k, int y, int at, Tile& tile) {
   const Row d;
   const IntRow di;
-  const RowVec power = row_power(r, row_offset(r, y));
-  if (hn::AllFalse(d, hn::Le(power, r.reach))) return false;
-  const RowVec alpha = hn::Min(hn::Set(d, math::kAlphaMax), row_falloff(r, power));
-  const RowMask seen = hn::Ge(alpha, hn::Set(d, math::kAlphaThreshold));
+  const RowVec log2 = row_log2(r, row_offset(r, y));
+  const RowMask seen = row_seen(log2);
+  if (hn::AllFalse(d, seen)) return false;
+  const RowVec alpha = hn::Min(hn::Set(d, math::kAlphaMax), exp2_of(log2));
   const RowVec left = hn::Load(d, tile.transmittance + at);
   const RowVec next = hn::NegMulAdd(alpha, left, left);
   const RowMask enough = hn::Ge(next, hn::Set(d, math::kTransmittanceMin));
@@ -110,6 +113,7 @@ void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int til
   tile.begin(box.x1 - box.x0, box.y1 - box.y0);
   for (int k = 0; k < count && tile.rows_left != 0; ++k) {
     const Splat& s = frame.splats[list[k]];
+    prefetch(frame, list, k + kAhead, count);
     const PixelBox covered = covered_pixels(s, box);
     const std::uint32_t rows_left = tile.rows_left;
     for (int x = (covered.x0 - box.x0) / lanes * lanes; x < covered.x1 - box.x0; x += lanes) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <numeric>
 
@@ -100,7 +101,10 @@ TEST_CASE("a slice of candidates is the slice of the set where the rest is not v
   begin_frame(camera, some);
   slice(set, candidates, 4.0f, camera, settings_of(true), 0, some);
   REQUIRE(some.splats.size() == all.splats.size());
-  CHECK(std::memcmp(some.splats.data(), all.splats.data(), all.splats.size() * sizeof(Splat)) == 0);
+  bool same = true;
+  for (std::size_t i = 0; i < all.splats.size(); ++i)  // up to the id, the last member
+    same &= std::memcmp(&some.splats[i], &all.splats[i], offsetof(Splat, id) + 4) == 0;
+  CHECK(same);
 }
 
 TEST_CASE("values that are not numbers, huge or empty draw nothing and harm nothing") {

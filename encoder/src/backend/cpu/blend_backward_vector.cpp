@@ -22,6 +22,8 @@ using simd::RowMask;
 using simd::RowVec;
 using IntRow = hn::RebindToSigned<Row>;
 
+// List entries between a splat's fetch and its use.
+constexpr int kAhead = 6;
 constexpr int kPixels = kTileSize * kTileSize;
 
 // State of a tile's pixels. Pixels beyond the image's edge have last = 0 and take no part.
@@ -94,14 +96,13 @@ HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, int k, int
   const Row d;
   const IntRow di;
   const RowVec dy = simd::row_offset(r, y);
-  const RowVec power = simd::row_power(r, dy);
+  const RowVec log2 = simd::row_log2(r, dy);
   const RowMask reached = hn::RebindMask(d, hn::Gt(hn::Load(di, tile.last + at), hn::Set(di, k)));
-  if (hn::AllFalse(d, hn::And(reached, hn::Le(power, r.reach)))) return;
-  const RowVec falloff = simd::row_falloff(r, power);
+  const RowMask drawn = hn::And(reached, simd::row_seen(log2));
+  if (hn::AllFalse(d, drawn)) return;
+  const RowVec falloff = simd::exp2_of(log2);
   const RowVec most = hn::Set(d, math::kAlphaMax);
-  const RowVec alpha_seen = hn::Min(most, falloff);
-  const RowMask drawn = hn::And(reached, hn::Ge(alpha_seen, hn::Set(d, math::kAlphaThreshold)));
-  const RowVec alpha = hn::IfThenElseZero(drawn, alpha_seen);
+  const RowVec alpha = hn::IfThenElseZero(drawn, hn::Min(most, falloff));
 
   const RowVec transmittance =
       hn::Div(hn::Load(d, tile.transmittance + at), hn::Sub(hn::Set(d, 1.0f), alpha));
@@ -187,11 +188,13 @@ void backward_tile(const TileBackward& t) {
   const raster::PixelBox box = raster::tile_pixels(t.frame, t.tile);
   const std::uint32_t first = t.frame.tile_begin[t.tile];
   const int count = static_cast<int>(t.frame.tile_begin[t.tile + 1] - first);
+  const std::uint32_t* list = t.frame.instances.data() + first;
   Tile tile;
   load_tile(t, box, tile);
   std::fill(t.out + tile.longest, t.out + count, SplatGradients{});
   for (int k = tile.longest; k-- > 0;) {
-    const Splat& s = t.frame.splats[t.frame.instances[first + k]];
+    const Splat& s = t.frame.splats[list[k]];
+    simd::prefetch(t.frame, list, k - kAhead, count);
     const raster::PixelBox covered = raster::covered_pixels(s, box);
     HWY_ALIGN float sums[kSums] = {};
     for (int x = (covered.x0 - box.x0) / lanes * lanes; x < covered.x1 - box.x0; x += lanes) {

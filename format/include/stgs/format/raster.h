@@ -15,8 +15,8 @@ namespace stgs {
 
 inline constexpr int kTileSize = 16;  // pixels, width and height
 
-// One visible primitive at one moment in one view.
-struct Splat {
+// One visible primitive at one moment in one view; a cache line.
+struct alignas(64) Splat {
   math::Vec2 mean;    // pixels
   math::Sym2 conic;   // 1/pixels^2
   float opacity;      // O_t = O l(t), after slicing

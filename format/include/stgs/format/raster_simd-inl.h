@@ -8,7 +8,7 @@
 #define STGS_RASTER_SIMD_INL_H
 #endif
 
-#include <hwy/contrib/math/math-inl.h>
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 #include "stgs/format/math/blend.h"
@@ -23,24 +23,44 @@ using Row = hn::CappedTag<float, kTileSize>;
 using RowVec = hn::Vec<Row>;
 using RowMask = hn::Mask<Row>;
 
-// One splat over a row's columns: half squared distance = base + dy (cross + half_yy dy).
+constexpr float kLog2E = 1.44269504f;
+constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
+// Near-minimax polynomial of 2^f for |f| <= 1/2.
+constexpr float kExp2[6] = {1.00000008f,   0.693147188f,   0.240221075f,
+                            0.0555035711f, 0.00967603192f, 0.00133908634f};
+
+// 2^x for x in [-126, 0], within 4e-7 of itself; unspecified elsewhere. (Fewer steps than Exp, as
+// the kernels mask what is out of range anyway.)
+HWY_INLINE RowVec exp2_of(RowVec x) {
+  const Row d;
+  const hn::RebindToSigned<Row> di;
+  // Adding 1.5 * 2^23 leaves the nearest integer in the low bits.
+  const RowVec magic = hn::Set(d, 12582912.0f);
+  const RowVec shifted = hn::Add(x, magic);
+  const RowVec f = hn::Sub(x, hn::Sub(shifted, magic));
+  RowVec sum = hn::Set(d, kExp2[5]);
+  for (int k = 4; k >= 0; --k) sum = hn::MulAdd(sum, f, hn::Set(d, kExp2[k]));
+  const auto exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
+  return hn::BitCast(d, hn::Add(hn::BitCast(di, sum), exponent));
+}
+
+// One splat over a row's columns, in powers of two:
+// log2 of opacity exp(-power) = min(base + dy (cross + half_yy dy), most).
 struct RowSplat {
-  RowVec dx, base, cross, half_yy, mean_y, reach, opacity;
+  RowVec dx, base, cross, half_yy, mean_y, most;
 };
 
 // `x` is the first pixel of the row's vector.
 HWY_INLINE RowSplat row_splat(const Splat& s, int x) {
   const Row d;
+  const float most = kLog2E * s.reach + kLog2Threshold;
   RowSplat r;
-  const RowVec centre = hn::Set(d, static_cast<float>(x) + 0.5f - s.mean.x);
-  r.dx = hn::Add(hn::Iota(d, 0.0f), centre);
-  r.base = hn::Mul(hn::Mul(hn::Set(d, 0.5f * s.conic.xx), r.dx), r.dx);
-  r.cross = hn::Mul(hn::Set(d, s.conic.xy), r.dx);
-  r.half_yy = hn::Set(d, 0.5f * s.conic.yy);
+  r.dx = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x) + 0.5f - s.mean.x));
+  r.most = hn::Set(d, most);
+  r.base = hn::MulAdd(hn::Mul(hn::Set(d, -0.5f * kLog2E * s.conic.xx), r.dx), r.dx, r.most);
+  r.cross = hn::Mul(hn::Set(d, -kLog2E * s.conic.xy), r.dx);
+  r.half_yy = hn::Set(d, -0.5f * kLog2E * s.conic.yy);
   r.mean_y = hn::Set(d, s.mean.y);
-  // Over the reach by more than rounding: alpha itself decides at the edge.
-  r.reach = hn::Set(d, s.reach + 1e-4f);
-  r.opacity = hn::Set(d, s.opacity);
   return r;
 }
 
@@ -49,14 +69,19 @@ HWY_INLINE RowVec row_offset(const RowSplat& r, int y) {
   return hn::Sub(hn::Set(Row(), static_cast<float>(y) + 0.5f), r.mean_y);
 }
 
-HWY_INLINE RowVec row_power(const RowSplat& r, RowVec dy) {
-  return hn::MulAdd(dy, hn::MulAdd(r.half_yy, dy, r.cross), r.base);
+// log2 of the splat's alpha before it is cut at kAlphaMax.
+HWY_INLINE RowVec row_log2(const RowSplat& r, RowVec dy) {
+  return hn::Min(hn::MulAdd(dy, hn::MulAdd(r.half_yy, dy, r.cross), r.base), r.most);
 }
 
-// opacity exp(-power), before it is cut at kAlphaMax.
-HWY_INLINE RowVec row_falloff(const RowSplat& r, RowVec power) {
-  const Row d;
-  return hn::Mul(r.opacity, hn::Exp(d, hn::Neg(hn::Max(power, hn::Zero(d)))));
+// Where that reaches kAlphaThreshold.
+HWY_INLINE RowMask row_seen(RowVec log2) {
+  return hn::Ge(log2, hn::Set(Row(), kLog2Threshold));
+}
+
+// Fetches a list's splat that comes up soon: lists jump about in frame.splats.
+HWY_INLINE void prefetch(const SplatFrame& frame, const std::uint32_t* list, int k, int count) {
+  if (k >= 0 && k < count) hwy::Prefetch(&frame.splats[list[k]]);
 }
 
 }  // namespace stgs::raster::HWY_NAMESPACE
