@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
 #include <exception>
 
@@ -97,9 +98,7 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
     }
     RecordHeader record;
     if (!parse_record_header(bytes, at, end, record, findings)) return;
-    if (record.tag == kSegmentTag) {
-      findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
-    } else if ((record.flags & kCritical) != 0) {  // spec 3.4
+    if (record.tag != kSegmentTag && (record.flags & kCritical) != 0) {  // spec 3.4
       findings.unsupported(N::kUnknownCritical, at, "critical record '{}' outside the head",
                            tag_text(record.tag));
     }
@@ -108,6 +107,10 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
       return findings.failed_read(at, status);
     }
     check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    const bool base_layer = bytes.size() >= 4 && bytes[2] == 0 && bytes[3] == 0;  // spec 5.7, 6.1
+    if (record.tag == kSegmentTag && base_layer) {
+      findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
+    }
     at += kRecordHeaderBytes + record.length;
   }
 }
@@ -117,7 +120,7 @@ void check_segments(const ByteSource& source, const FileHead& head, Findings& fi
   std::uint64_t at = head.header.head_bytes;
   for (std::uint32_t i = 0; i < head.index.entries.size(); ++i) {
     const IndexEntry& entry = head.index.entries[i];
-    walk_unlisted(source, at, entry.offset, findings);
+    walk_unlisted(source, at, std::min(entry.offset, source.size()), findings);
     at = entry.offset + entry.bytes;
     std::vector<LocatedStream> streams;
     std::vector<std::uint8_t> record;
@@ -128,7 +131,8 @@ void check_segments(const ByteSource& source, const FileHead& head, Findings& fi
       check_values(set, head, i, findings);
     }
   }
-  walk_unlisted(source, at, head.header.file_bytes, findings);
+  // A file that is longer or shorter than it says has been reported.
+  walk_unlisted(source, at, std::min(head.header.file_bytes, source.size()), findings);
   for (const AttributeBytes& row : head.index.attributes) {
     const bool known = row.attribute > 0 && row.attribute < bytes.size();
     if (known && row.bytes != bytes[row.attribute]) {

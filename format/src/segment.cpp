@@ -150,6 +150,11 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
                   std::vector<LocatedStream>& streams, std::vector<std::uint8_t>& record,
                   Findings& findings) {
   const IndexEntry& entry = head.index.entries[ordinal];
+  if (entry.offset > source.size() || entry.bytes > source.size() - entry.offset) {
+    findings.error(N::kSegmentRange, entry.offset, "segment {}: {} bytes are cut off", ordinal,
+                   entry.bytes);
+    return false;
+  }
   record.resize(entry.bytes);
   if (Status status = source.read(entry.offset, record); !status.ok()) {
     findings.failed_read(entry.offset, status);

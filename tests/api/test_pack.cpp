@@ -60,6 +60,43 @@ Gaussians4D quantised(const Scene& scene, int quality, std::uint64_t* bytes = nu
 
 }  // namespace
 
+TEST_CASE("pack reports the errors of the file that it wrote") {
+  const auto folder = std::filesystem::temp_directory_path() / "stgs_pack_test";
+  std::filesystem::create_directories(folder);
+  const std::string in = (folder / "in.stgs").string(), out = (folder / "out.stgs").string();
+  Scene scene = random_scene(3000, 2, 60, 13);
+  scene.gaussians.opacity_logit[5] = -20.0f;  // never visible
+  REQUIRE(write_scene(in, scene, {}).ok());
+  encoder::PackReport report;
+  const Status status = encoder::pack(in, out, {}, &report);
+  INFO(status.message());
+  REQUIRE(status.ok());
+  CHECK(report.primitives + report.dropped == 3000);
+  CHECK(report.dropped >= 1);
+  CHECK(report.bytes_in == std::filesystem::file_size(in));
+  CHECK(report.bytes_out == std::filesystem::file_size(out));
+  CHECK(report.bytes_out * 4 < report.bytes_in);
+  CHECK(report.bytes_per_primitive == Approx(double(report.bytes_out) / double(report.primitives)));
+  // Half a step of 2^-10 an axis, in a scene of 4 units whose small primitives measure 0.02.
+  CHECK(report.position_max > 0.0);
+  CHECK(report.position_max < 2e-3);
+  CHECK(report.position_rms < report.position_max);
+  CHECK(report.colour_rms < 2.0 / 255.0);
+  CHECK(report.opacity_max < 0.02);
+  const auto read = SceneReader::open(out);
+  REQUIRE(read.ok());
+  CHECK((*read)->profile() == Profile::kQuantised);
+  CHECK((*read)->primitives() == report.primitives);
+  CHECK(encoder::pack((folder / "none.stgs").string(), out, {}, nullptr).code() == StatusCode::kIo);
+  std::filesystem::remove_all(folder);
+}
+
+TEST_CASE("what stands still is exactly still after packing") {
+  Scene scene = random_scene(500, 0, 60, 14);
+  std::fill(scene.gaussians.velocity.begin(), scene.gaussians.velocity.end(), 0.0f);
+  for (float v : quantised(scene, 85).velocity) CHECK(v == 0.0f);
+}
+
 TEST_CASE("the quantised profile draws what the lossless one draws") {
   const Scene scene = random_scene(20000, 3, 60, 11);
   CHECK(psnr(scene.gaussians, quantised(scene, 85), 60) >= 45.0);

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// The format's text and its program say the same.
+#include <catch2/catch.hpp>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "stgs/format/scene_file.h"
+
+using namespace stgs;
+
+namespace {
+
+std::string source_text(const std::string& path) {
+  std::ifstream file(std::string(STGS_TEST_DATA) + "/../../" + path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  REQUIRE_FALSE(text.str().empty());
+  return text.str();
+}
+
+// spec 9
+Scene example_scene() {
+  Scene scene;
+  scene.metadata.time_base = {1, 2};
+  scene.metadata.frames = 2;
+  scene.metadata.generator = "example";
+  Gaussians4D& set = scene.gaussians;
+  set.resize(1);
+  set.position = {1.0f, 2.0f, 3.0f};
+  set.log_scale = {-1.0f, -2.0f, -3.0f};
+  set.rotation = {1.0f, 0.0f, 0.0f, 0.0f};
+  set.opacity_logit = {2.0f};
+  set.sh = {0.1f, 0.2f, 0.3f};
+  set.time = {0.5f};
+  set.sigma = {1.0f};
+  set.radius = {0.25f};
+  return scene;
+}
+
+std::string hexdump(const std::vector<std::uint8_t>& bytes) {
+  std::string out;
+  for (std::size_t at = 0; at < bytes.size(); at += 16) {
+    std::string hex, text;
+    for (std::size_t i = at; i < std::min(at + 16, bytes.size()); ++i) {
+      hex += fmt::format("{:02x} ", bytes[i]);
+      text.push_back(bytes[i] >= 0x20 && bytes[i] < 0x7F ? static_cast<char>(bytes[i]) : '.');
+    }
+    out += fmt::format("    {:04x}  {:<48} {}\n", at, hex, text);
+  }
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("the example of the format's text is what the writer writes") {
+  const auto bytes = encode_scene(example_scene(), {});
+  INFO(bytes.status().message());
+  REQUIRE(bytes.ok());
+  const std::string text = source_text("spec/stgs-format.md");
+  const std::string begin = "<!-- example begin -->\n", end = "<!-- example end -->";
+  const std::size_t first = text.find(begin) + begin.size();
+  const std::string printed = text.substr(first, text.find(end) - first);
+  CHECK(printed == "\n" + hexdump(*bytes) + "\n");
+  const auto record_at = [&bytes](const char* tag) {
+    const std::string whole(bytes->begin(), bytes->end());
+    return whole.find(tag);
+  };
+  CHECK(text.find(fmt::format("META begins at {}, INDX at {}, SEGM at {}.", record_at("META"),
+                              record_at("INDX"), record_at("SEGM"))) != std::string::npos);
+  const auto issues = validate_scene(*memory_source(*bytes));
+  REQUIRE(issues.ok());
+  CHECK(issues->empty());
+}
+
+TEST_CASE("every issue number is in the text and the other way round") {
+  const auto numbers = [](const std::string& text, const char* pattern) {
+    std::set<int> out;
+    const std::regex expression(pattern);
+    for (std::sregex_iterator it(text.begin(), text.end(), expression), last; it != last; ++it) {
+      out.insert(std::stoi((*it)[1]));
+    }
+    return out;
+  };
+  const auto code = numbers(source_text("format/src/findings.h"), " = ([1-5][0-9][0-9]),");
+  CHECK(code.size() > 30);
+  CHECK(code == numbers(source_text("spec/conformance.md"), "\\| ([1-5][0-9][0-9]) \\|"));
+}
+
+TEST_CASE("the text's version is the program's") {
+  CHECK(source_text("spec/stgs-format.md")
+            .find(fmt::format("Format version {}.{}.", kFormatMajor, kFormatMinor)) !=
+        std::string::npos);
+}
