@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Encode and decode speed, size by attribute and error of both profiles, as JSON.
+//   bench_codec [SCENE.stgs | primitives [sh_degree]]
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "../api/scene_fixture.h"
+#include "stgs/format/raster.h"
+
+using namespace stgs;
+
+namespace {
+
+double seconds_of(const auto& work) {
+  double best = 1e30;
+  for (int run = 0; run < 3; ++run) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    best = std::min(
+        best, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  }
+  return best;
+}
+
+math::PinholeCamera camera_of(const SceneMetadata& metadata) {
+  const StartCamera start = metadata.start_camera.value_or([] {
+    StartCamera camera;
+    camera.width = 640;
+    camera.height = 480;
+    camera.fx = camera.fy = 576.0f;
+    camera.cx = 320.0f;
+    camera.cy = 240.0f;
+    return camera;
+  }());
+  math::PinholeCamera camera{};
+  const float* r = start.rotation;
+  camera.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
+  camera.translation = {start.translation[0], start.translation[1], start.translation[2]};
+  camera.fx = start.fx;
+  camera.fy = start.fy;
+  camera.cx = start.cx;
+  camera.cy = start.cy;
+  camera.width = static_cast<float>(start.width);
+  camera.height = static_cast<float>(start.height);
+  camera.near_plane = metadata.near_plane;
+  return camera;
+}
+
+double psnr(const Scene& a, const Scene& b) {
+  SplatFrame splats;
+  RasterOutput left, right;
+  double squared = 0.0;
+  std::size_t samples = 0;
+  for (float part : {0.1f, 0.5f, 0.83f}) {
+    const float t = part * static_cast<float>(a.metadata.frames);
+    render(a.gaussians, t, camera_of(a.metadata), {}, splats, left);
+    render(b.gaussians, t, camera_of(a.metadata), {}, splats, right);
+    for (std::size_t i = 0; i < left.colour.data.size(); ++i) {
+      const double d = std::min(1.0f, left.colour.data[i]) - std::min(1.0f, right.colour.data[i]);
+      squared += d * d;
+      ++samples;
+    }
+  }
+  return -10.0 * std::log10(std::max(1e-20, squared / static_cast<double>(samples)));
+}
+
+nlohmann::json measure(const Scene& scene, const WriteSettings& settings) {
+  std::vector<std::uint8_t> bytes;
+  const double encode = seconds_of([&] {
+    auto result = encode_scene(scene, settings);
+    if (result.ok()) bytes = std::move(*result);
+  });
+  std::optional<Scene> decoded;
+  const double decode = seconds_of([&] {
+    auto result = read_scene(memory_source(bytes));
+    if (result.ok()) decoded = std::move(*result);
+  });
+  const auto reader = SceneReader::open(memory_source(bytes));
+  if (!reader.ok() || !decoded) return {{"error", reader.status().message()}};
+  const auto n = static_cast<double>((*reader)->primitives());
+  nlohmann::json out = {{"primitives", (*reader)->primitives()},
+                        {"segments", (*reader)->segments().size()},
+                        {"bytes", bytes.size()},
+                        {"bytes_per_primitive", static_cast<double>(bytes.size()) / n},
+                        {"encode_primitives_per_s", n / encode},
+                        {"decode_primitives_per_s", n / decode},
+                        {"psnr_against_source_db", psnr(scene, *decoded)}};
+  for (const StreamInfo& stream : (*reader)->streams()) {
+    out["bytes_per_primitive_by_attribute"][stream.name] = static_cast<double>(stream.bytes) / n;
+  }
+  return out;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string_view what = argc > 1 ? argv[1] : "200000";
+  std::size_t n = 0;
+  Scene scene;
+  if (std::from_chars(what.data(), what.data() + what.size(), n).ec == std::errc{}) {
+    const int degree = argc > 2 ? std::clamp(std::atoi(argv[2]), 0, 3) : 3;
+    scene = testing::random_scene(n, degree, 60, 11);
+  } else {
+    auto read = read_scene(std::string(what));
+    if (!read.ok()) {
+      std::fprintf(stderr, "%s\n", read.status().message().c_str());
+      return static_cast<int>(read.status().code());
+    }
+    scene = std::move(*read);
+  }
+  nlohmann::json out;
+  for (int threads : {1, 0}) {
+    std::optional<tbb::global_control> control;
+    if (threads == 1) control.emplace(tbb::global_control::max_allowed_parallelism, 1);
+    nlohmann::json& row = out[threads == 1 ? "one_thread" : "all_threads"];
+    row["lossless"] = measure(scene, {});
+    for (int quality : {60, 85, 95}) {
+      WriteSettings settings;
+      settings.profile = Profile::kQuantised;
+      settings.quality = quality;
+      row[fmt::format("quality_{}", quality)] = measure(scene, settings);
+    }
+  }
+  std::printf("%s\n", out.dump(2).c_str());
+  return 0;
+}
