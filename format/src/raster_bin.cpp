@@ -4,9 +4,11 @@
 #include <tbb/parallel_for.h>
 
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <numeric>
+#include <stdexcept>
 
 #include "stgs/format/raster_tiles.h"
 
@@ -20,6 +22,11 @@ using raster::PixelBox;
 std::size_t chunk_size(std::size_t splats) {
   return std::max<std::size_t>(1024, (splats + 31) / 32);
 }
+
+// Entries of all tile lists, at most: 1 GiB of them. A set that needs more is broken or hostile.
+constexpr std::size_t kMaxInstances = std::size_t{1} << 28;
+// A chunk tells the others how much it has listed each time it has this much more.
+constexpr std::size_t kTell = std::size_t{1} << 18;
 
 // Stable radix sort of 0..n-1 by depth; depths are positive, so their bits ascend with them.
 void sort_by_depth(const std::vector<Splat>& splats, SplatFrame::Scratch& s) {
@@ -102,12 +109,18 @@ void bin(SplatFrame& frame) {
   scratch.counts.assign(chunks * tiles, 0);
 
   // Each chunk lists its pairs (splat, tile) and counts them by tile.
+  std::atomic<std::size_t> listed{0};
   tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     auto& pairs = scratch.bin_chunks[c];
     std::uint32_t* counts = scratch.counts.data() + c * tiles;
     pairs.clear();
     const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);
+    std::size_t told = 0;
     for (std::size_t k = c * chunk; k < end; ++k) {
+      if (pairs.size() - told > kTell) {
+        if (listed.fetch_add(pairs.size() - told) / 2 > kMaxInstances) return;
+        told = pairs.size();
+      }
       const std::uint32_t i = scratch.order[k];
       for_each_tile(frame, frame.splats[i], [&](int tile) {
         pairs.push_back(i);
@@ -115,7 +128,10 @@ void bin(SplatFrame& frame) {
         ++counts[tile];
       });
     }
+    listed.fetch_add(pairs.size() - told);
   });
+  if (listed / 2 > kMaxInstances)
+    throw std::length_error("the view's splats touch more tiles than a frame can list (2^28)");
 
   // Counts become each chunk's first place in each tile's list.
   std::uint32_t total = 0;

@@ -13,6 +13,7 @@
 #include "backend/cpu/project_backward.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"
+#include "vector_targets.h"
 
 using namespace stgs;
 using namespace stgs::encoder::cpu;
@@ -184,7 +185,9 @@ TEST_CASE("harmonics above the degree in use have no gradient, and those below a
   }
 }
 
-TEST_CASE("the vector unit's backward pass gives the reference's gradients") {
+namespace {
+
+void compare_with_reference() {
   const int sizes[][2] = {{160, 96}, {107, 61}, {5, 3}, {333, 17}};
   for (const auto& size : sizes) {
     const auto camera = testing::scene_camera(size[0], size[1]);
@@ -217,10 +220,16 @@ TEST_CASE("the vector unit's backward pass gives the reference's gradients") {
         difference += (a - b) * (a - b);
         square += a * a;
       }
-      INFO(size[0] << " x " << size[1] << ", field " << f);
+      INFO(size[0] << " x " << size[1] << " on " << vector_target() << ", field " << f);
       CHECK(std::sqrt(difference) <= 2e-3 * std::sqrt(square));
     }
   }
+}
+
+}  // namespace
+
+TEST_CASE("every vector unit's backward pass gives the reference's gradients") {
+  testing::for_each_vector_target(compare_with_reference);
 }
 
 TEST_CASE("one thread and two give the same gradients to the bit") {

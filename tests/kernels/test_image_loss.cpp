@@ -7,6 +7,7 @@
 #include <random>
 
 #include "train/image_loss.h"
+#include "vector_targets.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -91,7 +92,9 @@ Plain plain_loss(const Pair& pair, const ImageLossWeights& weights) {
 
 }  // namespace
 
-TEST_CASE("the image loss is what its definition says, at every size") {
+namespace {
+
+void compare_with_definition() {
   ImageLoss loss;
   Image gradient, error;
   for (const auto& size : {std::array{33, 20}, std::array{16, 11}, std::array{3, 2},
@@ -109,6 +112,12 @@ TEST_CASE("the image loss is what its definition says, at every size") {
       worst = std::max(worst, std::abs(error.data[p] - static_cast<float>(plain.error[p])));
     CHECK(worst < 1e-3f);
   }
+}
+
+}  // namespace
+
+TEST_CASE("the image loss is what its definition says, at every size and on every vector unit") {
+  testing::for_each_vector_target(compare_with_definition);
 }
 
 TEST_CASE("the image loss's gradient agrees with finite differences") {

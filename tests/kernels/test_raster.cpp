@@ -7,10 +7,13 @@
 #include <cstddef>
 #include <cstring>
 #include <numeric>
+#include <set>
+#include <string>
 
 #include "raster_scene.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/raster.h"
+#include "vector_targets.h"
 
 using namespace stgs;
 
@@ -130,7 +133,9 @@ TEST_CASE("values that are not numbers, huge or empty draw nothing and harm noth
   CHECK(output.depth.data[0] == 0.0f);
 }
 
-TEST_CASE("the vector unit draws what the reference draws") {
+namespace {
+
+void compare_with_reference() {
   const int sizes[][2] = {{160, 96}, {107, 61}, {16, 16}, {5, 3}, {333, 17}};
   for (const auto& size : sizes) {
     for (float spread : {0.3f, 1.2f}) {
@@ -164,6 +169,17 @@ TEST_CASE("the vector unit draws what the reference draws") {
       CHECK(worst_left <= 2.0f / 255.0f);
     }
   }
+}
+
+}  // namespace
+
+TEST_CASE("every vector unit draws what the reference draws") {
+  std::set<std::string> targets;
+  testing::for_each_vector_target([&] {
+    targets.insert(vector_target());
+    compare_with_reference();
+  });
+  CHECK(targets.size() == hwy::SupportedAndGeneratedTargets().size());
 }
 
 TEST_CASE("one thread and two draw the same bits") {

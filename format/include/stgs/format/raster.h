@@ -80,7 +80,8 @@ void slice(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
 void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, float t,
            const math::PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame);
-// Fills the tile lists from frame.splats with the exact ellipse-tile test.
+// Fills the tile lists from frame.splats with the exact ellipse-tile test. Throws std::length_error
+// where they would hold more than 2^28 entries (a million splats that each cover the picture).
 void bin(SplatFrame& frame);
 // Blends every tile, nearest first.
 void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput& output);

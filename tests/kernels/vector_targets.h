@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs a check on every vector target that the build has and the machine can run.
+#pragma once
+
+#include <hwy/targets.h>
+
+namespace stgs::testing {
+
+template <typename Check>
+void for_each_vector_target(Check check) {
+  for (std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().DeInit();
+    check();
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().DeInit();
+}
+
+}  // namespace stgs::testing
