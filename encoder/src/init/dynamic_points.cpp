@@ -10,7 +10,7 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kNeighbours = 4;
+constexpr int kNeighbours = 3;
 constexpr int kFewestMaskPixels = 6;
 
 // Depth of the static surface where it was checked, else 0, at the view's size.
@@ -94,7 +94,7 @@ SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
       continue;
     }
     settings.planes =
-        plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 80);
+        plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
     settings.region = box;
     settings.possible = [&hull](const cv::Vec3d& p) { return hull.contains(p); };
     const DepthMap part = sweep(pictures[i], others, settings);

@@ -19,7 +19,7 @@ struct DynamicFrame {
 struct DynamicSettings {
   int limit = 1000;    // points a frame
   int references = 8;  // views that get a depth map
-  int longest = 320;   // pixels of the sweeps
+  int longest = 240;   // pixels of the sweeps
 };
 
 // `views` give the working resolution of masks; `scene` must have surfaces of the same cameras.

@@ -8,9 +8,9 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kCoarseLongest = 160;  // pixels of the coarse sweep
-constexpr int kCoarsePlanes = 96;
-constexpr int kNeighbours = 4;
+constexpr int kCoarseLongest = 128;  // pixels of the coarse sweep
+constexpr int kCoarsePlanes = 64;
+constexpr int kNeighbours = 3;
 constexpr double kAgreeSteps = 1.5;  // planes by which two views may differ
 constexpr float kWorstCost = 0.6f;
 
@@ -86,7 +86,7 @@ cv::Mat check_across(const std::vector<SweepPicture>& pictures, const std::vecto
   std::vector<View> views;
   for (const SweepPicture& picture : pictures) views.push_back(picture.view);
   std::vector<std::pair<const View*, const DepthMap*>> others;
-  for (const int j : neighbours(views, i, focus, 2 * kNeighbours)) {
+  for (const int j : neighbours(views, i, focus, 3 * kNeighbours)) {
     others.emplace_back(&pictures[j].view, &maps[j]);
   }
   const int needed = needed_agreement(pictures.size());
@@ -207,7 +207,7 @@ Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticSce
   for (const Still& still : stills) {
     longest = std::max({longest, still.view.width, still.view.height});
   }
-  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(400, longest), 32, 112,
+  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(320, longest), 32, 96,
                      work, &pictures, &maps, &steps));
   scene->surfaces.resize(stills.size());
   scene->usable.resize(stills.size());
