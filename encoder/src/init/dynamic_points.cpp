@@ -105,14 +105,24 @@ SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
   return out;
 }
 
+// The mask without its border, where pictures mix what moves with what is behind it; parts too thin
+// to have an inside are kept whole.
+cv::Mat inner_mask(const cv::Mat& mask) {
+  cv::Mat inner, covered;
+  cv::erode(mask, inner, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
+  cv::dilate(inner, covered, cv::getStructuringElement(cv::MORPH_RECT, {5, 5}));
+  return inner | (mask & ~covered);
+}
+
 // Depth inside the mask as a surface; weight above 1 where another swept view agrees.
 Surface surface_of(const SweepPicture& picture, const SweptView& swept,
                    const std::vector<std::pair<const View*, const DepthMap*>>& others) {
   Surface surface{picture.view, picture.rgb, swept.map.depth.clone(),
                   cv::Mat(picture.view.size(), CV_32F, cv::Scalar(0))};
+  const cv::Mat mask = inner_mask(swept.mask);
   for (int y = 0; y < picture.view.height; ++y) {
     for (int x = 0; x < picture.view.width; ++x) {
-      if (!swept.mask.at<std::uint8_t>(y, x) || surface.depth.at<float>(y, x) <= 0) continue;
+      if (!mask.at<std::uint8_t>(y, x) || surface.depth.at<float>(y, x) <= 0) continue;
       const float cost = swept.map.cost.at<float>(y, x);
       const bool agreed = agreement(picture.view, swept.map, x, y, others, 2 * swept.step) > 0;
       surface.weight.at<float>(y, x) = std::max(0.01f, 1 - cost) + (agreed ? 1.0f : 0.0f);

@@ -262,6 +262,7 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   }
   const cv::Mat threshold = change_threshold(background.colour, background.noise);
   const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
+  if (std::max(view.width, view.height) <= 320) dis->setFinestScale(0);
   STGS_ASSIGN(cv::Mat picture, load_picture(capture, view, 0));
   cv::Mat moved_here(view.size(), CV_8U, cv::Scalar(0));  // by the flow into this frame
   for (int frame = 0; frame < capture.frames; ++frame) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
 namespace stgs::encoder::init {
@@ -100,6 +101,22 @@ cv::Mat check_across(const std::vector<SweepPicture>& pictures, const std::vecto
     }
   }
   return weight;
+}
+
+// Takes the weight from small islands of depth: on plain surfaces views agree by chance.
+void drop_islands(const DepthMap& map, double nearest, double step, cv::Mat* weight) {
+  cv::Mat level(weight->size(), CV_16S, cv::Scalar(0));
+  const double unit = std::max(step / 16, 1 / nearest / 30000);  // of inverse depth
+  for (int y = 0; y < level.rows; ++y) {
+    for (int x = 0; x < level.cols; ++x) {
+      const float depth = map.depth.at<float>(y, x);
+      if (weight->at<float>(y, x) <= 0 || depth <= 0) continue;
+      level.at<short>(y, x) = short(std::clamp(1 / (depth * unit), 1.0, 32000.0));
+    }
+  }
+  const int smallest = std::max(6, int(level.total() / 1200));
+  cv::filterSpeckles(level, 0, smallest, std::max(1.0, 2 * step / unit));
+  weight->setTo(0, level == 0);
 }
 
 // Fills inverse depth where the weight is 0 from what surrounds it: the nearest checked values of
@@ -207,8 +224,8 @@ Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticSce
   for (const Still& still : stills) {
     longest = std::max({longest, still.view.width, still.view.height});
   }
-  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(320, longest), 32, 96,
-                     work, &pictures, &maps, &steps));
+  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(320, longest), 32, 96, work,
+                     &pictures, &maps, &steps));
   scene->surfaces.resize(stills.size());
   scene->usable.resize(stills.size());
   return work.for_each(int(stills.size()), [&](int i) -> Status {
@@ -217,6 +234,7 @@ Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticSce
     surface.rgb = pictures[i].rgb;
     scene->usable[i] = pictures[i].usable;
     surface.weight = check_across(pictures, maps, i, scene->focus.point, steps[i]);
+    drop_islands(maps[i], scene->range.nearest, steps[i], &surface.weight);
     surface.depth = fill_depth(maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
     return {};
   });

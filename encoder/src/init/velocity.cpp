@@ -10,7 +10,7 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kSmoothing = 9;  // neighbours of the median
+constexpr int kMatchRounds = 6;
 constexpr int kFewestForMedian = 3;
 
 // Points as nanoflann wants them; colours count as a part of `reach`.
@@ -62,12 +62,13 @@ bool known(const cv::Vec3d& v) {
 }
 
 // Each velocity becomes the median of the known ones around it, if there are enough of them.
-Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& raw, double reach) {
+Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& raw, double reach,
+                    std::size_t neighbours) {
   const Cloud cloud(points, 0.2 * reach / 255);
   const Tree tree(Cloud::kDimensions, cloud);
   Velocities out(points.size(), kUnknown);
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Neighbours near = nearest(tree, cloud.rows[i], kSmoothing);
+    const Neighbours near = nearest(tree, cloud.rows[i], neighbours);
     std::vector<double> parts[3];
     for (std::size_t k = 0; k < near.index.size(); ++k) {
       const cv::Vec3d& v = raw[near.index[k]];
@@ -140,25 +141,33 @@ cv::Mat nearest_depths(const View& view, const std::vector<SurfacePoint>& points
 
 Velocities match_velocities(const std::vector<SurfacePoint>& points,
                             const std::vector<SurfacePoint>& next, double reach, double sign) {
-  if (points.empty() || next.empty()) return Velocities(points.size(), kUnknown);
+  Velocities steps(points.size(), kUnknown);
+  if (points.empty() || next.empty()) return steps;
   const double colour_weight = 2 * reach / 255;
   const Cloud from(points, colour_weight), to(next, colour_weight);
   const Tree tree(Cloud::kDimensions, to);
-  Velocities raw(points.size(), kUnknown);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    // The mean of the nearest three hides the sampling of the next frame's points.
-    const Neighbours near = nearest(tree, from.rows[i], 3);
-    cv::Vec3d sum(0, 0, 0);
-    int n = 0;
-    for (const std::uint32_t k : near.index) {
-      const cv::Vec3d step = next[k].position - points[i].position;
-      if (cv::norm(step) > reach) continue;
-      sum += step;
-      ++n;
+  // The nearest point alone underestimates a motion that slides along the surface; looking again
+  // from where the neighbourhood has moved to does not.
+  for (int round = 0; round < kMatchRounds; ++round) {
+    Velocities raw(points.size(), kUnknown);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      auto query = from.rows[i];
+      for (int k = 0; k < 3 && known(steps[i]); ++k) query[k] += steps[i][k];
+      // The mean of the nearest three hides the sampling of the next frame's points.
+      cv::Vec3d sum(0, 0, 0);
+      int n = 0;
+      for (const std::uint32_t k : nearest(tree, query, 3).index) {
+        const cv::Vec3d step = next[k].position - points[i].position;
+        if (cv::norm(step) > reach) continue;
+        sum += step;
+        ++n;
+      }
+      if (n > 0) raw[i] = sum * (1.0 / n);
     }
-    if (n > 0) raw[i] = sum * (sign / n);
+    steps = smoothed(points, raw, reach, round + 1 < kMatchRounds ? 25 : 9);
   }
-  return smoothed(points, raw, reach);
+  for (cv::Vec3d& step : steps) step *= sign;
+  return steps;
 }
 
 Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::vector<View>& views,
@@ -181,7 +190,7 @@ Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::v
     const cv::Vec3d v = solve_flow(rows);
     if (cv::norm(v) <= reach) raw[i] = v;
   }
-  return smoothed(points, raw, reach);
+  return smoothed(points, raw, reach, 9);
 }
 
 Velocities settled(const Velocities& first, const Velocities& second) {
