@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CPU training backend: every stage of a step in parallel with TBB, results independent of the
+// number of threads.
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "backend/backend.h"
+#include "backend/cpu/blend_backward.h"
+#include "backend/cpu/project_backward.h"
+#include "backend/cpu/regularisers.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/raster.h"
+#include "train/adam.h"
+#include "train/colour_correction.h"
+#include "train/image_loss.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr std::size_t kBlock = 512;  // primitives updated together
+
+class CpuBackend final : public TrainBackend {
+ public:
+  void begin(TrainState& state) override { state_ = &state; }
+  void synchronise() override {}
+  std::string name() const override { return "cpu (" + vector_target() + ")"; }
+  StepOutput step(const StepInput& input) override;
+
+ private:
+  void update(const StepInput& input);
+  void update_one(const StepInput& input, std::size_t splat);
+  void gather(const StepInput& input, std::size_t splat);
+
+  TrainState* state_ = nullptr;
+  // Kept from step to step for their memory.
+  SplatFrame frame_;
+  RasterOutput output_;
+  Image shown_, d_shown_, error_;
+  ImageLoss loss_;
+  std::vector<cpu::SplatGradients> splat_gradients_;
+  cpu::BlendBackwardScratch scratch_;
+  cpu::PrimitiveGradients gradients_;
+};
+
+StepOutput CpuBackend::step(const StepInput& input) {
+  RasterSettings settings;
+  settings.max_sh_degree = input.sh_degree;
+  begin_frame(input.camera, frame_);
+  slice(state_->set, input.ticks, input.camera, settings, 0, frame_);
+  bin(frame_);
+  blend(frame_, settings, output_);
+
+  apply_colour(state_->colour[input.colour_index], output_.colour, shown_);
+  const ImageLossValue value =
+      loss_.evaluate(shown_, *input.truth, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
+  const ColourMap d_map =
+      colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
+  cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_);
+  cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,
+                        gradients_);
+  // With f = 1 the effective velocity is the learnt one.
+  if (input.modulated) {
+    cpu::modulation_backward(state_->set, state_->velocity, frame_, gradients_);
+  }
+  StepOutput out;
+  out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input);
+  out.l1 = value.l1;
+  out.ssim = value.ssim;
+  out.visible = frame_.splats.size();
+  update(input);
+  update_colour(*state_, input.colour_index, d_map, input.rate_colour);
+  return out;
+}
+
+void CpuBackend::update(const StepInput& input) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame_.splats.size(), kBlock),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
+                        if (input.gather_statistics) gather(input, s);
+                        update_one(input, s);
+                      }
+                    });
+}
+
+// Statistics for densification; image positions in half image widths, so that one threshold fits
+// every picture size (3DGS).
+void CpuBackend::gather(const StepInput& input, std::size_t splat) {
+  const std::uint32_t i = frame_.splats[splat].id;
+  const cpu::SplatGradients& g = splat_gradients_[splat];
+  const float half_width = 0.5f * input.camera.width;
+  const float half_height = 0.5f * input.camera.height;
+  DensifyStatistics& statistics = state_->statistics;
+  statistics.gradient_sum[i] += std::hypot(g.mean.x * half_width, g.mean.y * half_height);
+  statistics.abs_gradient_sum[i] +=
+      std::hypot(g.abs_mean.x * half_width, g.abs_mean.y * half_height);
+  statistics.error_max[i] = std::max(statistics.error_max[i], g.error);
+  ++statistics.views[i];
+}
+
+void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
+  TrainState& state = *state_;
+  const std::uint32_t i = frame_.splats[splat].id;
+  cpu::regularise(state, frame_.splats.size(), i, input, gradients_.log_scale.data() + 3 * splat,
+                  gradients_.opacity_logit[splat], gradients_.sigma[splat],
+                  gradients_.radius[splat]);
+  const float d_log_sigma = gradients_.sigma[splat] * state.set.sigma[i];
+
+  const AdamCorrection correction(++state.updates[i]);
+  const auto apply = [&](int attribute, const float* gradient, std::size_t n, float rate,
+                         std::size_t skip = 0) {
+    const std::size_t at = i * static_cast<std::size_t>(state.components(attribute)) + skip;
+    Moments& moments = state.moments[attribute];
+    adam_step(state.values(attribute).data() + at, moments.first.data() + at,
+              moments.second.data() + at, gradient, n, rate, correction);
+  };
+  apply(kPosition, gradients_.position.data() + 3 * splat, 3, input.rates[kPosition]);
+  apply(kLogScale, gradients_.log_scale.data() + 3 * splat, 3, input.rates[kLogScale]);
+  apply(kRotation, gradients_.rotation.data() + 4 * splat, 4, input.rates[kRotation]);
+  apply(kOpacity, &gradients_.opacity_logit[splat], 1, input.rates[kOpacity]);
+  apply(kTime, &gradients_.time[splat], 1, input.rates[kTime]);
+  apply(kVelocity, gradients_.velocity.data() + 3 * splat, 3, input.rates[kVelocity]);
+  apply(kLogSigma, &d_log_sigma, 1, input.rates[kLogSigma]);
+  if (input.learn_radius) {
+    apply(kRadius, &gradients_.radius[splat], 1, input.rates[kRadius]);
+    state.set.radius[i] = std::max(state.set.radius[i], 0.0f);
+  }
+  const std::size_t sh = std::size_t{3} * gradients_.sh_coefficients;
+  apply(kSh, gradients_.sh.data() + sh * splat, 3, input.rate_sh0);
+  if (sh > 3) apply(kSh, gradients_.sh.data() + sh * splat + 3, sh - 3, input.rates[kSh], 3);
+  state.derive(i, input.modulated);
+}
+
+}  // namespace
+
+std::unique_ptr<TrainBackend> make_cpu_backend() {
+  return std::make_unique<CpuBackend>();
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cpu/regularisers.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+
+namespace stgs::encoder::cpu {
+namespace {
+
+// sqrt(-2 ln o_th): the factor of sigma in L_t, as the paper writes it.
+const float kSpanFactor = std::sqrt(-2.0f * std::log(math::kAlphaThreshold));
+
+float span_of(const TrainState& state, std::size_t i) {
+  return kSpanFactor * state.set.sigma[i] + state.set.radius[i];
+}
+
+float visibility_of(const TrainState& state, std::size_t i, float ticks) {
+  return math::visibility(ticks - state.set.time[i], state.set.sigma[i], state.set.radius[i]);
+}
+
+// Index of the shortest axis.
+int shortest_axis(const TrainState& state, std::size_t i) {
+  const float* s = &state.set.log_scale[3 * i];
+  return static_cast<int>(std::min_element(s, s + 3) - s);
+}
+
+}  // namespace
+
+double regularisation_loss(const TrainState& state, const SplatFrame& frame,
+                           const StepInput& input) {
+  if (frame.splats.empty()) return 0.0;
+  double lifespan = 0, opacity = 0, scale = 0;
+  for (const Splat& splat : frame.splats) {
+    const std::size_t i = splat.id;
+    lifespan += 1.0 / span_of(state, i);
+    opacity += math::opacity_of(state.set.opacity_logit[i]) * visibility_of(state, i, input.ticks);
+    scale += std::exp(state.set.log_scale[3 * i + shortest_axis(state, i)]);
+  }
+  const double opacity_weight = input.second_stage ? input.weight_opacity : 0.0;
+  const double sum =
+      input.weight_lifespan * lifespan + opacity_weight * opacity + input.weight_scale * scale;
+  return sum / static_cast<double>(frame.splats.size());
+}
+
+void regularise(const TrainState& state, std::size_t visible, std::size_t i, const StepInput& input,
+                float* d_log_scale, float& d_opacity_logit, float& d_sigma, float& d_radius) {
+  const float share = 1.0f / static_cast<float>(visible);
+  const float span = span_of(state, i);
+  const float d_span = -input.weight_lifespan * share / (span * span);
+  d_sigma += kSpanFactor * d_span;
+  d_radius += d_span;
+  if (input.second_stage) {
+    const float opacity = math::opacity_of(state.set.opacity_logit[i]);
+    // l(t) is held constant (the paper's stop-gradient).
+    d_opacity_logit += input.weight_opacity * share * visibility_of(state, i, input.ticks) *
+                       opacity * (1.0f - opacity);
+  }
+  const int axis = shortest_axis(state, i);
+  d_log_scale[axis] += input.weight_scale * share * std::exp(state.set.log_scale[3 * i + axis]);
+}
+
+}  // namespace stgs::encoder::cpu

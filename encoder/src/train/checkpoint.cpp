@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/checkpoint.h"
+
+#include <xxhash.h>
+
+#include <cstring>
+#include <memory>
+#include <type_traits>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '1'};
+
+class Writer {
+ public:
+  template <typename T>
+  void value(const T& v) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    const auto* p = reinterpret_cast<const std::uint8_t*>(&v);
+    bytes.insert(bytes.end(), p, p + sizeof(T));
+  }
+  template <typename Container>
+  void array(const Container& v) {
+    using T = typename Container::value_type;
+    static_assert(std::is_trivially_copyable_v<T>);
+    value(static_cast<std::uint64_t>(v.size()));
+    const auto* p = reinterpret_cast<const std::uint8_t*>(v.data());
+    bytes.insert(bytes.end(), p, p + v.size() * sizeof(T));
+  }
+
+  std::vector<std::uint8_t> bytes;
+};
+
+class Reader {
+ public:
+  explicit Reader(std::span<const std::uint8_t> bytes) : left_(bytes) {}
+
+  template <typename T>
+  void value(T& v) {
+    take(&v, sizeof(T));
+  }
+  template <typename Container>
+  void array(Container& v) {
+    using T = typename Container::value_type;
+    std::uint64_t n = 0;
+    value(n);
+    if (n > left_.size() / sizeof(T)) {
+      failed_ = true;
+      return;
+    }
+    v.resize(n);
+    take(v.data(), n * sizeof(T));
+  }
+  bool complete() const { return !failed_ && left_.empty(); }
+
+ private:
+  void take(void* to, std::size_t n) {
+    if (failed_ || n > left_.size()) {
+      failed_ = true;
+      return;
+    }
+    if (n > 0) std::memcpy(to, left_.data(), n);
+    left_ = left_.subspan(n);
+  }
+
+  std::span<const std::uint8_t> left_;
+  bool failed_ = false;
+};
+
+// Visits every field in file order; one text for writing and reading.
+template <typename State, typename Archive>
+void visit_state(State& state, Archive& archive) {
+  archive.value(state.iteration);
+  archive.value(state.seconds);
+  archive.value(state.mean_loss);
+  archive.value(state.set.sh_degree);
+  archive.array(state.set.velocity);
+  archive.array(state.set.sigma);
+  for (int a = 0; a < kAttributes; ++a) {
+    archive.array(state.values(a));
+    archive.array(state.moments[a].first);
+    archive.array(state.moments[a].second);
+  }
+  archive.array(state.updates);
+  archive.array(state.statistics.gradient_sum);
+  archive.array(state.statistics.abs_gradient_sum);
+  archive.array(state.statistics.error_max);
+  archive.array(state.statistics.views);
+  archive.array(state.colour);
+  archive.array(state.colour_first);
+  archive.array(state.colour_second);
+  archive.array(state.colour_updates);
+}
+
+// All arrays agree on N and on the number of cameras.
+bool consistent(const TrainState& state) {
+  const std::size_t n = state.size();
+  if (state.set.sh_degree < 0 || state.set.sh_degree > 3) return false;
+  bool same = state.set.velocity.size() == 3 * n && state.set.sigma.size() == n;
+  for (int a = 0; a < kAttributes; ++a) {
+    const std::size_t expected = n * state.components(a);
+    same = same && state.values(a).size() == expected &&
+           state.moments[a].first.size() == expected && state.moments[a].second.size() == expected;
+  }
+  const std::size_t cameras = state.colour.size();
+  return same && state.updates.size() == n && state.statistics.gradient_sum.size() == n &&
+         state.statistics.abs_gradient_sum.size() == n && state.statistics.error_max.size() == n &&
+         state.statistics.views.size() == n && state.colour_first.size() == cameras &&
+         state.colour_second.size() == cameras && state.colour_updates.size() == cameras;
+}
+
+}  // namespace
+
+Status write_checkpoint(const std::string& path, const TrainState& state,
+                        const std::string& fingerprint) {
+  Writer writer;
+  writer.bytes.assign(kMagic, kMagic + sizeof(kMagic));
+  writer.array(fingerprint);
+  visit_state(state, writer);
+  writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
+  return write_file_atomically(path, writer.bytes);
+}
+
+Result<TrainState> read_checkpoint(const std::string& path, const std::string& fingerprint) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
+  std::vector<std::uint8_t> bytes(source->size());
+  STGS_TRY(source->read(0, bytes));
+  constexpr std::size_t kHash = sizeof(std::uint64_t);
+  if (bytes.size() < sizeof(kMagic) + kHash ||
+      std::memcmp(bytes.data(), kMagic, sizeof(kMagic)) != 0) {
+    return invalid_file("{}: not an STGS checkpoint", path);
+  }
+  std::uint64_t stored = 0;
+  std::memcpy(&stored, bytes.data() + bytes.size() - kHash, kHash);
+  if (stored != XXH3_64bits(bytes.data(), bytes.size() - kHash)) {
+    return invalid_file("{}: the checkpoint is damaged (its checksum does not fit)", path);
+  }
+  const std::span<const std::uint8_t> all(bytes);
+  Reader reader(all.subspan(sizeof(kMagic), bytes.size() - sizeof(kMagic) - kHash));
+  std::string found;
+  reader.array(found);
+  TrainState state;
+  visit_state(state, reader);
+  if (!reader.complete() || !consistent(state)) {
+    return invalid_file("{}: the checkpoint's arrays do not fit together", path);
+  }
+  if (found != fingerprint) {
+    return usage_error(
+        "{}: the checkpoint belongs to other settings or another capture; resume with those it was "
+        "made with\n  checkpoint: {}\n  now:        {}",
+        path, found, fingerprint);
+  }
+  return state;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/densify.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/project.h"
+#include "train/random.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr float kSplitShrink = 1.6f;  // of the standard deviations of both halves (3DGS)
+constexpr float kCloneSpread = 0.3f;  // share of the own size that a clone is moved by
+constexpr float kResetOpacity = 0.01f;
+
+float largest_scale(const TrainState& state, std::size_t i) {
+  const float* s = &state.set.log_scale[3 * i];
+  return std::exp(std::max({s[0], s[1], s[2]}));
+}
+
+// Moves primitive i by a sample of its own Gaussian times `share`.
+void move_by_sample(TrainState& state, std::size_t i, float share, Random& random) {
+  const float* q = &state.set.rotation[4 * i];
+  const float* s = &state.set.log_scale[3 * i];
+  const math::Mat3 rotation = math::rotation_of({q[0], q[1], q[2], q[3]});
+  const math::Vec3 sample = {random.normal() * std::exp(s[0]) * share,
+                             random.normal() * std::exp(s[1]) * share,
+                             random.normal() * std::exp(s[2]) * share};
+  const math::Vec3 offset = math::mat3_mul(rotation, sample);
+  state.set.position[3 * i] += offset.x;
+  state.set.position[3 * i + 1] += offset.y;
+  state.set.position[3 * i + 2] += offset.z;
+}
+
+// Makes `to` a clone of `from`: both get the opacity that keeps the picture, the clone steps aside.
+void clone_into(TrainState& state, std::size_t from, std::size_t to, Random& random) {
+  state.set.opacity_logit[from] = cloned_opacity_logit(state.set.opacity_logit[from]);
+  state.clear_moments(from);
+  state.copy_parameters(from, to);
+  move_by_sample(state, to, kCloneSpread, random);
+}
+
+void split_into(TrainState& state, std::size_t from, std::size_t to, Random& random) {
+  state.clear_moments(from);
+  state.copy_parameters(from, to);
+  move_by_sample(state, to, 1.0f, random);
+  move_by_sample(state, from, 1.0f, random);
+  for (int c = 0; c < 3; ++c) {
+    state.set.log_scale[3 * from + c] -= std::log(kSplitShrink);
+    state.set.log_scale[3 * to + c] = state.set.log_scale[3 * from + c];
+  }
+}
+
+struct Candidate {
+  std::uint32_t index;
+  float urgency;  // gradient over its threshold
+  bool split;
+};
+
+std::vector<Candidate> growth_candidates(const TrainState& state, const HyperParameters& parameters,
+                                         float extent) {
+  std::vector<Candidate> candidates;
+  const auto limit = static_cast<float>(parameters.split_scale) * extent;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const std::uint32_t views = state.statistics.views[i];
+    if (views == 0) continue;
+    const bool large = largest_scale(state, i) > limit;
+    const float gradient =
+        (large ? state.statistics.abs_gradient_sum[i] : state.statistics.gradient_sum[i]) /
+        static_cast<float>(views);
+    const double threshold = large ? parameters.split_gradient : parameters.clone_gradient;
+    const float urgency = gradient / static_cast<float>(threshold);
+    if (urgency > 1.0f) candidates.push_back({static_cast<std::uint32_t>(i), urgency, large});
+  }
+  return candidates;
+}
+
+// The `count` most urgent, in the order of their indices.
+void keep_most_urgent(std::vector<Candidate>& candidates, std::size_t count) {
+  const auto by_urgency = [](const Candidate& a, const Candidate& b) {
+    return a.urgency != b.urgency ? a.urgency > b.urgency : a.index < b.index;
+  };
+  if (candidates.size() > count) {
+    std::nth_element(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(count),
+                     candidates.end(), by_urgency);
+    candidates.resize(count);
+  }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.index < b.index; });
+}
+
+std::vector<std::uint32_t> surviving(const TrainState& state, const HyperParameters& parameters,
+                                     float extent) {
+  std::vector<std::uint32_t> kept;
+  kept.reserve(state.size());
+  const auto too_large = static_cast<float>(parameters.prune_scale) * extent;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const bool transparent =
+        math::opacity_of(state.set.opacity_logit[i]) < static_cast<float>(parameters.prune_opacity);
+    if (!transparent && largest_scale(state, i) < too_large) {
+      kept.push_back(static_cast<std::uint32_t>(i));
+    }
+  }
+  return kept;
+}
+
+}  // namespace
+
+float cloned_opacity_logit(float logit) {
+  // With a = opacity: a' = 1 - sqrt(1-a), so a'/(1-a') = (1 - root)/root = a / (root (1 + root)).
+  const float root = std::sqrt(1.0f - math::opacity_of(logit));
+  constexpr float kSmallest = 1e-4f;
+  return std::log(math::opacity_of(logit) / (std::max(root, kSmallest) * (1.0f + root)));
+}
+
+void reset_opacity(TrainState& state) {
+  const float cap = std::log(kResetOpacity / (1.0f - kResetOpacity));
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    float& logit = state.set.opacity_logit[i];
+    if (logit <= cap) continue;
+    logit = cap;
+    state.moments[kOpacity].first[i] = 0.0f;
+    state.moments[kOpacity].second[i] = 0.0f;
+  }
+}
+
+DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
+                   const DensifyContext& context) {
+  DensifyCounts counts;
+  const std::size_t before = state.size();
+  const std::vector<std::uint32_t> kept = surviving(state, parameters, context.extent);
+  counts.removed = before - kept.size();
+  if (counts.removed > 0) state.keep(kept);
+
+  std::vector<Candidate> candidates = growth_candidates(state, parameters, context.extent);
+  const std::size_t present = state.size();
+  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
+  const std::size_t room = most > present ? most - present : 0;
+  const auto step =
+      static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
+  keep_most_urgent(candidates, std::min(room, step));
+  state.resize(present + candidates.size());
+  Random random(context.seed, state.iteration, RandomPurpose::kDensify);
+  for (std::size_t k = 0; k < candidates.size(); ++k) {
+    if (candidates[k].split) {
+      split_into(state, candidates[k].index, present + k, random);
+      ++counts.split;
+    } else {
+      clone_into(state, candidates[k].index, present + k, random);
+      ++counts.cloned;
+    }
+  }
+  state.statistics.reset(state.size());
+  return counts;
+}
+
+std::vector<float> densification_scores(const TrainState& state, const HyperParameters& parameters,
+                                        bool modulated) {
+  const std::size_t n = state.size();
+  std::vector<float> scores(n);
+  std::vector<float> errors = state.statistics.error_max;
+  const std::size_t rank = n - 1 - n / 100;
+  std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(rank),
+                   errors.end());
+  const float unit = errors[rank] > 0.0f ? 1.0f / errors[rank] : 0.0f;
+  for (std::size_t i = 0; i < n; ++i) {
+    const float* v = &state.velocity[3 * i];
+    const float speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    const float f =
+        modulated ? math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]) : 1.0f;
+    const double error = std::min(1.0f, state.statistics.error_max[i] * unit);
+    const double opacity = math::opacity_of(state.set.opacity_logit[i]);
+    scores[i] =
+        static_cast<float>(parameters.score_error * error + parameters.score_opacity * opacity +
+                           parameters.score_lifespan * (1.0 - std::exp(-(speed + 1.0f) / f)));
+  }
+  return scores;
+}
+
+DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
+                      const DensifyContext& context) {
+  DensifyCounts counts;
+  if (state.size() == 0) return counts;
+  const std::vector<std::uint32_t> kept = surviving(state, parameters, context.extent);
+  std::vector<bool> alive(state.size(), false);
+  for (std::uint32_t i : kept) alive[i] = true;
+  std::vector<std::uint32_t> dead;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    if (!alive[i]) dead.push_back(static_cast<std::uint32_t>(i));
+  }
+  const auto limit =
+      static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(state.size()));
+  const std::size_t count = std::min({dead.size(), kept.size(), limit});
+  const std::vector<float> scores = densification_scores(state, parameters, context.modulated);
+  std::vector<std::uint32_t> best = kept;
+  const auto by_score = [&scores](std::uint32_t a, std::uint32_t b) {
+    return scores[a] != scores[b] ? scores[a] > scores[b] : a < b;
+  };
+  std::partial_sort(best.begin(), best.begin() + static_cast<std::ptrdiff_t>(count), best.end(),
+                    by_score);
+  Random random(context.seed, state.iteration, RandomPurpose::kDensify);
+  for (std::size_t k = 0; k < count; ++k) clone_into(state, best[k], dead[k], random);
+  counts.replaced = count;
+  state.statistics.reset(state.size());
+  return counts;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where primitives go: growth in the first third (AbsGS with the clones of "Revising
+// Densification"), replacement by the velocity-lifespan-aware score after it (paper 3.2).
+#pragma once
+
+#include <cstdint>
+
+#include "train/hyper_parameters.h"
+#include "train/train_state.h"
+
+namespace stgs::encoder {
+
+struct DensifyCounts {
+  std::size_t cloned = 0, split = 0, removed = 0, replaced = 0;
+};
+
+struct DensifyContext {
+  float extent = 1;       // scene units
+  bool modulated = true;  // false: f = 1
+  float frames = 1;       // length of the clip
+  std::uint64_t seed = 0;
+};
+
+// First stage: clones what is small and pulled, splits what is large and pulled both ways, removes
+// what is nearly transparent or too large. Resets the statistics.
+DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
+                   const DensifyContext& context);
+
+// Second stage: what is nearly transparent becomes clones of those with the highest score; N stays.
+// Resets the statistics.
+DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
+                      const DensifyContext& context);
+
+// The score s of every primitive (paper eq. 5), E scaled so that its 99th percentile is 1.
+std::vector<float> densification_scores(const TrainState& state, const HyperParameters& parameters,
+                                        bool modulated);
+
+// Opacity of each of two coinciding copies that together look like one: 1 - sqrt(1 - alpha).
+float cloned_opacity_logit(float logit);
+
+// Caps every opacity at 0.01, so that what is not needed dies (3DGS; first stage only).
+void reset_opacity(TrainState& state);
+
+}  // namespace stgs::encoder

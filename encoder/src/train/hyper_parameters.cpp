@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hyper_parameters.h"
+
+#include <charconv>
+#include <cmath>
+
+#include "stgs/encoder/train.h"
+
+namespace stgs::encoder {
+namespace {
+
+template <typename Parameters, typename Visit>
+void for_each_parameter(Parameters& p, Visit visit) {
+  visit("iterations", p.iterations);
+  visit("max_primitives", p.max_primitives);
+  visit("weight_l1", p.weight_l1);
+  visit("weight_ssim", p.weight_ssim);
+  visit("weight_lifespan", p.weight_lifespan);
+  visit("weight_opacity", p.weight_opacity);
+  visit("weight_scale", p.weight_scale);
+  visit("lr_position", p.lr_position);
+  visit("lr_position_final", p.lr_position_final);
+  visit("lr_velocity", p.lr_velocity);
+  visit("lr_velocity_final", p.lr_velocity_final);
+  visit("lr_scale", p.lr_scale);
+  visit("lr_rotation", p.lr_rotation);
+  visit("lr_opacity", p.lr_opacity);
+  visit("lr_sh0", p.lr_sh0);
+  visit("lr_sh_rest", p.lr_sh_rest);
+  visit("lr_time", p.lr_time);
+  visit("lr_sigma", p.lr_sigma);
+  visit("lr_radius", p.lr_radius);
+  visit("lr_colour", p.lr_colour);
+  visit("sh_degree", p.sh_degree);
+  visit("sh_step", p.sh_step);
+  visit("coarse_until", p.coarse_until);
+  visit("stage1_until", p.stage1_until);
+  visit("densify_from", p.densify_from);
+  visit("densify_until", p.densify_until);
+  visit("densify_interval", p.densify_interval);
+  visit("opacity_reset_interval", p.opacity_reset_interval);
+  visit("clone_gradient", p.clone_gradient);
+  visit("split_gradient", p.split_gradient);
+  visit("split_scale", p.split_scale);
+  visit("growth_limit", p.growth_limit);
+  visit("prune_opacity", p.prune_opacity);
+  visit("prune_scale", p.prune_scale);
+  visit("score_error", p.score_error);
+  visit("score_opacity", p.score_opacity);
+  visit("score_lifespan", p.score_lifespan);
+  visit("replace_limit", p.replace_limit);
+  visit("initial_opacity", p.initial_opacity);
+  visit("initial_opacity_dynamic", p.initial_opacity_dynamic);
+  visit("initial_scale", p.initial_scale);
+  visit("sigma_dynamic", p.sigma_dynamic);
+  visit("sigma_static", p.sigma_static);
+  visit("initial_radius", p.initial_radius);
+  visit("velocity_times_f", p.velocity_times_f);
+}
+
+template <typename T>
+bool parse(const std::string& text, T& value) {
+  const char* end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && stopped == end && std::isfinite(static_cast<double>(value)) &&
+         value >= 0;
+}
+
+}  // namespace
+
+Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
+  HyperParameters p;
+  if (preset == "default") return p;
+  if (preset == "fast") {
+    p.iterations = 2000;
+    p.max_primitives = 40000;
+    p.sh_degree = 2;
+    return p;
+  }
+  if (preset == "best") {
+    p.iterations = 20000;
+    p.max_primitives = 200000;
+    return p;
+  }
+  return usage_error("unknown preset '{}': use fast, default or best", preset);
+}
+
+Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
+                           const std::string& value) {
+  bool known = false;
+  bool parsed = false;
+  std::string names;
+  for_each_parameter(parameters, [&](const char* n, auto& target) {
+    names += names.empty() ? n : fmt::format(", {}", n);
+    if (name != n) return;
+    known = true;
+    parsed = parse(value, target);
+  });
+  if (!known) return usage_error("unknown hyper-parameter '{}'; known: {}", name, names);
+  if (!parsed)
+    return usage_error("'{}' is not a value for {}: it needs a number >= 0", value, name);
+  return {};
+}
+
+std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
+    const HyperParameters& parameters) {
+  std::vector<std::pair<std::string, std::string>> list;
+  for_each_parameter(parameters, [&](const char* name, const auto& value) {
+    list.emplace_back(name, fmt::format("{}", value));
+  });
+  return list;
+}
+
+std::vector<std::pair<std::string, std::string>> hyper_parameters(const std::string& preset) {
+  const Result<HyperParameters> parameters = preset_hyper_parameters(preset);
+  return parameters.ok() ? list_hyper_parameters(*parameters)
+                         : std::vector<std::pair<std::string, std::string>>{};
+}
+
+}  // namespace stgs::encoder

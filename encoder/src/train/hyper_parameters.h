@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every number of the training schedule, by name. The paper gives few of them; the others are
+// chosen by measurement on training cameras (tests/bench/RESULTS.md).
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+struct HyperParameters {
+  // Length and size.
+  int iterations = 6000;
+  int max_primitives = 80000;
+
+  // Loss weights (paper 3.4; the w of L_reg are not given there).
+  double weight_l1 = 0.8;
+  double weight_ssim = 0.2;
+  double weight_lifespan = 1e-3;  // L_t
+  double weight_opacity = 1e-2;   // L_opacity, second stage only
+  double weight_scale = 1e-2;     // L_scale, divided by the scene's radius
+
+  // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
+  double lr_position = 1.6e-4;
+  double lr_position_final = 1.6e-6;
+  double lr_velocity = 1.6e-3;
+  double lr_velocity_final = 1.6e-5;
+  double lr_scale = 5e-3;
+  double lr_rotation = 1e-3;
+  double lr_opacity = 5e-2;
+  double lr_sh0 = 2.5e-3;
+  double lr_sh_rest = 1.25e-4;
+  double lr_time = 1e-2;
+  double lr_sigma = 5e-3;   // of log sigma
+  double lr_radius = 2e-2;  // frames
+  double lr_colour = 1e-3;  // per-camera affine colour
+
+  // Schedules, as shares of the iterations.
+  int sh_degree = 3;
+  double sh_step = 0.1;           // harmonics rise by a degree each such share
+  double coarse_until = 0.25;     // half-size pictures up to here
+  double stage1_until = 1.0 / 3;  // growth; then N is frozen (paper 3.2)
+  double densify_from = 0.03;
+  double densify_until = 0.85;        // last replacement of the second stage
+  int densify_interval = 100;         // iterations
+  int opacity_reset_interval = 3000;  // iterations, first stage only
+
+  // Densification. Gradients are of the loss by image position, in half image widths.
+  double clone_gradient = 2e-4;
+  double split_gradient = 4e-4;
+  double split_scale = 0.01;  // larger ones split, smaller ones clone; share of the extent
+  double growth_limit = 0.1;  // new primitives a step, share of those present
+  double prune_opacity = 0.005;
+  double prune_scale = 0.5;     // larger than this share of the extent is removed
+  double score_error = 1.0;     // lambda_e, on E scaled to [0,1]
+  double score_opacity = 0.2;   // lambda_o
+  double score_lifespan = 0.5;  // lambda_l
+  double replace_limit = 0.05;  // replaced a step, share of N
+
+  // Start.
+  double initial_opacity = 0.5;
+  double initial_opacity_dynamic = 0.5;
+  double initial_scale = 0.8;    // of the distance to the neighbours
+  double sigma_dynamic = 3.0;    // frames (paper 3.3)
+  double sigma_static = 3.0;     // clip lengths (paper 3.3)
+  double initial_radius = 1e-6;  // frames (paper 3.3)
+  int velocity_times_f = 1;      // 1: v = f v_init keeps the measured motion; 0: v = v_init
+};
+
+// The values of a preset: fast, default or best.
+Result<HyperParameters> preset_hyper_parameters(const std::string& preset);
+// Sets one by name; the error lists the names.
+Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
+                           const std::string& value);
+// All names with their values.
+std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
+    const HyperParameters& parameters);
+
+}  // namespace stgs::encoder

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train_state.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "stgs/format/math/lifespan.h"
+
+namespace stgs::encoder {
+
+void DensifyStatistics::reset(std::size_t n) {
+  gradient_sum.assign(n, 0.0f);
+  abs_gradient_sum.assign(n, 0.0f);
+  error_max.assign(n, 0.0f);
+  views.assign(n, 0);
+}
+
+int TrainState::components(int attribute) const {
+  switch (attribute) {
+    case kRotation:
+      return 4;
+    case kPosition:
+    case kLogScale:
+    case kVelocity:
+      return 3;
+    case kSh:
+      return 3 * set.sh_coefficients();
+    default:
+      return 1;
+  }
+}
+
+const std::vector<float>& TrainState::values(int attribute) const {
+  switch (attribute) {
+    case kPosition:
+      return set.position;
+    case kLogScale:
+      return set.log_scale;
+    case kRotation:
+      return set.rotation;
+    case kOpacity:
+      return set.opacity_logit;
+    case kSh:
+      return set.sh;
+    case kTime:
+      return set.time;
+    case kVelocity:
+      return velocity;
+    case kLogSigma:
+      return log_sigma;
+    default:
+      return set.radius;
+  }
+}
+
+std::vector<float>& TrainState::values(int attribute) {
+  return const_cast<std::vector<float>&>(std::as_const(*this).values(attribute));
+}
+
+void TrainState::resize(std::size_t n) {
+  set.resize(n);
+  velocity.resize(3 * n, 0.0f);
+  log_sigma.resize(n, 0.0f);
+  for (int a = 0; a < kAttributes; ++a) {
+    moments[a].first.resize(n * components(a), 0.0f);
+    moments[a].second.resize(n * components(a), 0.0f);
+  }
+  updates.resize(n, 0);
+  statistics.gradient_sum.resize(n, 0.0f);
+  statistics.abs_gradient_sum.resize(n, 0.0f);
+  statistics.error_max.resize(n, 0.0f);
+  statistics.views.resize(n, 0);
+}
+
+void TrainState::derive(std::size_t i, bool modulated) {
+  const float sigma = std::exp(log_sigma[i]);
+  const float f = modulated ? math::lifespan_modulation(sigma, set.radius[i]) : 1.0f;
+  set.sigma[i] = sigma;
+  for (int c = 0; c < 3; ++c) set.velocity[3 * i + c] = velocity[3 * i + c] / f;
+}
+
+void TrainState::derive_all(bool modulated) {
+  for (std::size_t i = 0; i < size(); ++i) derive(i, modulated);
+}
+
+void TrainState::keep(const std::vector<std::uint32_t>& indices) {
+  const auto gather = [&indices](auto& array, std::size_t components) {
+    std::remove_reference_t<decltype(array)> kept;
+    kept.reserve(indices.size() * components);
+    for (std::uint32_t i : indices) {
+      const auto first = array.begin() + static_cast<std::ptrdiff_t>(i * components);
+      kept.insert(kept.end(), first, first + static_cast<std::ptrdiff_t>(components));
+    }
+    array = std::move(kept);
+  };
+  set = set.gather(indices);
+  gather(velocity, 3);
+  gather(log_sigma, 1);
+  for (int a = 0; a < kAttributes; ++a) {
+    gather(moments[a].first, components(a));
+    gather(moments[a].second, components(a));
+  }
+  gather(updates, 1);
+  gather(statistics.gradient_sum, 1);
+  gather(statistics.abs_gradient_sum, 1);
+  gather(statistics.error_max, 1);
+  gather(statistics.views, 1);
+}
+
+void TrainState::clear_moments(std::size_t i) {
+  for (int a = 0; a < kAttributes; ++a) {
+    const std::size_t n = components(a);
+    std::fill_n(moments[a].first.begin() + static_cast<std::ptrdiff_t>(i * n), n, 0.0f);
+    std::fill_n(moments[a].second.begin() + static_cast<std::ptrdiff_t>(i * n), n, 0.0f);
+  }
+  updates[i] = 0;
+}
+
+void TrainState::copy_parameters(std::size_t from, std::size_t to) {
+  const auto copy = [from, to](std::vector<float>& array, std::size_t components) {
+    std::copy_n(array.begin() + static_cast<std::ptrdiff_t>(from * components), components,
+                array.begin() + static_cast<std::ptrdiff_t>(to * components));
+  };
+  for (int a = 0; a < kAttributes; ++a) copy(values(a), components(a));
+  copy(set.velocity, 3);
+  copy(set.sigma, 1);
+  clear_moments(to);
+}
+
+}  // namespace stgs::encoder

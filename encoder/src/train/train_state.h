@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// What training changes, all of it: parameters, Adam moments, densification statistics, colour
+// corrections. A checkpoint is this and the iteration.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "stgs/format/gaussian4d.h"
+
+namespace stgs::encoder {
+
+// Learnt attributes, in the order of the moments.
+enum Attribute : int {
+  kPosition,
+  kLogScale,
+  kRotation,
+  kOpacity,
+  kSh,
+  kTime,
+  kVelocity,
+  kLogSigma,
+  kRadius,
+  kAttributes,
+};
+
+// Adam's running means of the gradient and of its square, shaped like the attribute.
+struct Moments {
+  std::vector<float> first, second;
+};
+
+// Gathered for each primitive between two densification steps.
+struct DensifyStatistics {
+  std::vector<float> gradient_sum;      // of |dL/d(image position)|, half image widths
+  std::vector<float> abs_gradient_sum;  // of the same with per-pixel absolute values (AbsGS)
+  std::vector<float> error_max;         // E: largest share of the error in one view
+  std::vector<std::uint32_t> views;     // in which it was visible
+
+  void reset(std::size_t n);
+};
+
+// Affine colour of a camera: shown = matrix colour + offset; row-major 3x3 then 3.
+using ColourMap = std::array<float, 12>;
+inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
+
+struct TrainState {
+  // set.velocity and set.sigma are derived (effective velocity v / f, exp(log_sigma)); the rest of
+  // the set is learnt as it stands.
+  Gaussians4D set;
+  std::vector<float> velocity;   // N x 3, v of the paper; scene units a frame
+  std::vector<float> log_sigma;  // N, log frames
+  std::array<Moments, kAttributes> moments;
+  std::vector<std::uint32_t> updates;  // N, Adam steps each primitive has had
+  DensifyStatistics statistics;
+
+  std::vector<ColourMap> colour;  // one a training camera
+  std::vector<ColourMap> colour_first, colour_second;
+  std::vector<std::uint32_t> colour_updates;
+
+  std::uint64_t iteration = 0;
+  double seconds = 0;    // spent so far
+  double mean_loss = 0;  // running mean
+
+  std::size_t size() const { return log_sigma.size(); }
+  int components(int attribute) const;
+  std::vector<float>& values(int attribute);
+  const std::vector<float>& values(int attribute) const;
+
+  void resize(std::size_t n);
+  // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1.
+  void derive(std::size_t i, bool modulated);
+  void derive_all(bool modulated);
+  // Keeps those listed, in that order.
+  void keep(const std::vector<std::uint32_t>& indices);
+  // Overwrites primitive `to` with the parameters of `from`; moments and updates start at 0.
+  void copy_parameters(std::size_t from, std::size_t to);
+  void clear_moments(std::size_t i);
+};
+
+}  // namespace stgs::encoder

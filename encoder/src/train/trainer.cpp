@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/trainer.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "train/checkpoint.h"
+#include "train/densify.h"
+#include "train/random.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr double kProgressInterval = 0.1;   // seconds
+constexpr std::uint64_t kLogInterval = 50;  // iterations
+constexpr double kLossMemory = 0.02;        // of the running mean, a step
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+float decayed(double first, double last, double share) {
+  return static_cast<float>(first * std::pow(last / first, share));
+}
+
+std::uint64_t peak_memory_bytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+// The training camera nearest to the middle of all of them.
+const Camera& central_camera(const std::vector<Camera>& cameras) {
+  std::vector<std::array<double, 3>> centres;
+  std::array<double, 3> mean{};
+  for (const Camera& camera : cameras) {
+    std::array<double, 3> centre{};
+    for (int c = 0; c < 3; ++c) {
+      for (int k = 0; k < 3; ++k) centre[c] -= camera.rotation[3 * k + c] * camera.translation[k];
+      mean[c] += centre[c] / static_cast<double>(cameras.size());
+    }
+    centres.push_back(centre);
+  }
+  std::size_t best = 0;
+  double best_distance = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < centres.size(); ++i) {
+    double distance = 0;
+    for (int c = 0; c < 3; ++c) distance += (centres[i][c] - mean[c]) * (centres[i][c] - mean[c]);
+    if (distance < best_distance) {
+      best_distance = distance;
+      best = i;
+    }
+  }
+  return cameras[best];
+}
+
+StartCamera start_camera(const Camera& camera) {
+  StartCamera start;
+  std::copy_n(camera.rotation, 9, start.rotation);
+  std::copy_n(camera.translation, 3, start.translation);
+  start.fx = static_cast<float>(camera.fx);
+  start.fy = static_cast<float>(camera.fy);
+  start.cx = static_cast<float>(camera.cx);
+  start.cy = static_cast<float>(camera.cy);
+  start.width = static_cast<std::uint32_t>(camera.width);
+  start.height = static_cast<std::uint32_t>(camera.height);
+  return start;
+}
+
+}  // namespace
+
+Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
+                 ProgressSink progress, LogSink log)
+    : capture_(capture),
+      settings_(settings),
+      progress_(std::move(progress)),
+      log_(log ? std::move(log) : [](int, const std::string&) {}),
+      backend_(make_cpu_backend()) {}
+
+Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
+                                                 const TrainSettings& settings,
+                                                 const ProgressSink& progress, const LogSink& log) {
+  std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
+  STGS_ASSIGN(trainer->parameters_, preset_hyper_parameters(settings.preset));
+  if (settings.iterations > 0) trainer->parameters_.iterations = settings.iterations;
+  if (settings.max_primitives > 0) trainer->parameters_.max_primitives = settings.max_primitives;
+  for (const auto& [name, value] : settings.overrides) {
+    STGS_TRY(set_hyper_parameter(trainer->parameters_, name, value));
+  }
+  const HyperParameters& p = trainer->parameters_;
+  if (p.iterations < 1 || p.max_primitives < 1 || p.sh_degree > 3 || p.densify_interval < 1) {
+    return usage_error(
+        "iterations, max_primitives and densify_interval must be at least 1, sh_degree at most 3");
+  }
+  STGS_ASSIGN(trainer->ablation_, Ablation::from_name(settings.ablate));
+  STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
+  STGS_TRY(trainer->prepare_state());
+  if (!settings.log_path.empty()) {
+    trainer->log_file_.open(settings.log_path,
+                            settings.resume.empty() ? std::ios::trunc : std::ios::app);
+    if (!trainer->log_file_) return io_error("{}: cannot write the log", settings.log_path);
+  }
+  return trainer;
+}
+
+Status Trainer::prepare_state() {
+  if (settings_.resume.empty()) {
+    STGS_ASSIGN(state_, initial_state(capture_, parameters_, ablation_, settings_.seed));
+  } else {
+    STGS_ASSIGN(state_, read_checkpoint(settings_.resume, fingerprint()));
+    seconds_before_ = state_.seconds;
+    log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
+  }
+  return {};
+}
+
+std::string Trainer::fingerprint() const {
+  nlohmann::ordered_json json;
+  for (const auto& [name, value] : list_hyper_parameters(parameters_)) json[name] = value;
+  json["seed"] = settings_.seed;
+  json["ablate"] = settings_.ablate;
+  json["frames"] = capture_.frames;
+  json["first_frame"] = capture_.first_frame;
+  json["source"] = capture_.source;
+  for (const Camera& camera : images_.cameras()) {
+    json["cameras"].push_back(fmt::format("{} {}x{}", camera.name, camera.width, camera.height));
+  }
+  return json.dump();
+}
+
+double Trainer::share() const {
+  const double by_iteration =
+      static_cast<double>(state_.iteration) / static_cast<double>(parameters_.iterations);
+  if (settings_.max_seconds <= 0) return std::min(1.0, by_iteration);
+  return std::min(1.0, std::max(by_iteration, state_.seconds / settings_.max_seconds));
+}
+
+std::size_t Trainer::view_of_iteration() {
+  const std::size_t views = images_.views();
+  const std::uint64_t epoch = state_.iteration / views;
+  if (epoch != epoch_) {
+    epoch_ = epoch;
+    order_.resize(views);
+    std::iota(order_.begin(), order_.end(), 0u);
+    Random random(settings_.seed, epoch, RandomPurpose::kViews);
+    for (std::size_t i = views - 1; i > 0; --i) std::swap(order_[i], order_[random.below(i + 1)]);
+  }
+  return order_[state_.iteration % views];
+}
+
+StepInput Trainer::step_input() {
+  const HyperParameters& p = parameters_;
+  const double done = share();
+  const std::size_t view = view_of_iteration();
+  const std::size_t camera = view / static_cast<std::size_t>(images_.frames());
+  const int frame = static_cast<int>(view % static_cast<std::size_t>(images_.frames()));
+  const int level = done < p.coarse_until ? 1 : 0;
+  const double extent = capture_.extent;
+  StepInput input;
+  input.camera = images_.pinhole(camera, level, capture_.near_plane);
+  input.ticks = static_cast<float>(frame);
+  input.truth = &images_.image(camera, frame, level);
+  input.colour_index = camera;
+  input.sh_degree =
+      p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
+  input.modulated = ablation_.modulation;
+  input.learn_radius = ablation_.radius;
+  input.second_stage = second_stage_;
+  input.gather_statistics = done < p.densify_until;
+  input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
+  input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
+  input.rates[kLogScale] = static_cast<float>(p.lr_scale);
+  input.rates[kRotation] = static_cast<float>(p.lr_rotation);
+  input.rates[kOpacity] = static_cast<float>(p.lr_opacity);
+  input.rates[kSh] = static_cast<float>(p.lr_sh_rest);
+  input.rates[kTime] = static_cast<float>(p.lr_time);
+  input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
+  input.rates[kRadius] = static_cast<float>(p.lr_radius);
+  input.rate_sh0 = static_cast<float>(p.lr_sh0);
+  input.rate_colour = static_cast<float>(p.lr_colour);
+  input.weight_l1 = static_cast<float>(p.weight_l1);
+  input.weight_ssim = static_cast<float>(p.weight_ssim);
+  input.weight_lifespan = static_cast<float>(p.weight_lifespan);
+  input.weight_opacity = static_cast<float>(p.weight_opacity);
+  input.weight_scale = static_cast<float>(p.weight_scale / capture_.scene_radius);
+  return input;
+}
+
+void Trainer::densify() {
+  const HyperParameters& p = parameters_;
+  const double done = share();
+  const bool now = state_.iteration % static_cast<std::uint64_t>(p.densify_interval) == 0;
+  const bool entering = !second_stage_ && done >= p.stage1_until;
+  if (entering) second_stage_ = true;
+  if (!now || done < p.densify_from || done >= p.densify_until) return;
+  const DensifyContext context{capture_.extent, ablation_.modulation,
+                               static_cast<float>(capture_.frames), settings_.seed};
+  backend_->synchronise();
+  const DensifyCounts counts =
+      second_stage_ ? replace(state_, p, context) : grow(state_, p, context);
+  const auto reset_interval = static_cast<std::uint64_t>(p.opacity_reset_interval);
+  if (!second_stage_ && reset_interval > 0 && state_.iteration % reset_interval == 0) {
+    reset_opacity(state_);
+  }
+  state_.derive_all(ablation_.modulation);
+  backend_->begin(state_);
+  log_(3, fmt::format("iteration {}: {} primitives; {} cloned, {} split, {} removed, {} replaced",
+                      state_.iteration, state_.size(), counts.cloned, counts.split, counts.removed,
+                      counts.replaced));
+}
+
+Status Trainer::save_checkpoint() {
+  if (settings_.checkpoint.empty()) return {};
+  backend_->synchronise();
+  return write_checkpoint(settings_.checkpoint, state_, fingerprint());
+}
+
+bool Trainer::report_progress() {
+  if (seconds_since(reported_) < kProgressInterval && !finished()) return true;
+  reported_ = Clock::now();
+  if (!progress_) return true;
+  const double done = share();
+  const double eta = done > 0 ? state_.seconds * (1.0 - done) / done : -1;
+  return progress_({"train", done, eta,
+                    fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
+                                state_.mean_loss, state_.size())});
+}
+
+void Trainer::write_log(const StepOutput& output) {
+  if (!log_file_.is_open() || state_.iteration % kLogInterval != 0) return;
+  const nlohmann::ordered_json json = {
+      {"iteration", state_.iteration}, {"seconds", state_.seconds},
+      {"loss", state_.mean_loss},      {"l1", output.l1},
+      {"ssim", output.ssim},           {"primitives", state_.size()},
+      {"visible", output.visible}};
+  log_file_ << json.dump() << '\n' << std::flush;
+}
+
+Status Trainer::run() {
+  started_ = Clock::now();
+  second_stage_ = share() >= parameters_.stage1_until;
+  backend_->begin(state_);
+  while (!finished()) {
+    const StepOutput output = backend_->step(step_input());
+    ++state_.iteration;
+    state_.mean_loss +=
+        (output.loss - state_.mean_loss) * (state_.iteration == 1 ? 1.0 : kLossMemory);
+    state_.seconds = seconds_before_ + seconds_since(started_);
+    if (!std::isfinite(output.loss)) {
+      return runtime_error("training diverged at iteration {}: the loss is not a number",
+                           state_.iteration);
+    }
+    densify();
+    write_log(output);
+    const auto interval = static_cast<std::uint64_t>(std::max(settings_.checkpoint_interval, 1));
+    if (state_.iteration % interval == 0) STGS_TRY(save_checkpoint());
+    if (!report_progress()) {
+      STGS_TRY(save_checkpoint());
+      return runtime_error("stopped at iteration {}; {}", state_.iteration,
+                           settings_.checkpoint.empty()
+                               ? std::string("no checkpoint was asked for")
+                               : fmt::format("go on with --resume {}", settings_.checkpoint));
+    }
+  }
+  backend_->synchronise();
+  return save_checkpoint();
+}
+
+Scene Trainer::scene() const {
+  Scene scene;
+  scene.gaussians = state_.set;
+  SceneMetadata& metadata = scene.metadata;
+  metadata.time_base = capture_.time_base;
+  metadata.frames = static_cast<std::uint32_t>(capture_.frames);
+  metadata.metric = capture_.metric;
+  metadata.near_plane = capture_.near_plane;
+  metadata.start_camera = start_camera(central_camera(images_.cameras()));
+  metadata.generator = "stgs " STGS_VERSION;
+  return scene;
+}
+
+TrainReport Trainer::report() const {
+  TrainReport report;
+  report.iterations = static_cast<int>(state_.iteration);
+  report.seconds = state_.seconds;
+  report.primitives = state_.size();
+  report.final_loss = state_.mean_loss;
+  report.peak_memory = peak_memory_bytes();
+  return report;
+}
+
+Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
+                    const ProgressSink& progress, const LogSink& log, TrainReport* report) {
+  STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
+              Trainer::create(capture, settings, progress, log));
+  STGS_TRY(trainer->run());
+  if (report != nullptr) *report = trainer->report();
+  return trainer->scene();
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The training loop: schedules, sampling of views, densification, checkpoints, log.
+#pragma once
+
+#include <chrono>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backend/backend.h"
+#include "stgs/encoder/train.h"
+#include "train/hyper_parameters.h"
+#include "train/initial_state.h"
+#include "train/training_images.h"
+
+namespace stgs::encoder {
+
+class Trainer {
+ public:
+  static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
+                                                 const TrainSettings& settings,
+                                                 const ProgressSink& progress, const LogSink& log);
+
+  // Runs to the end, or until the progress sink says stop (then a checkpoint is written and the
+  // Status says so).
+  Status run();
+  // The scene as trained so far.
+  Scene scene() const;
+  TrainReport report() const;
+
+ private:
+  Trainer(const PreparedCapture& capture, const TrainSettings& settings, ProgressSink progress,
+          LogSink log);
+
+  Status prepare_state();
+  std::string fingerprint() const;
+  // Share of the schedule that is done, [0, 1].
+  double share() const;
+  bool finished() const { return share() >= 1.0; }
+  StepInput step_input();
+  std::size_t view_of_iteration();
+  void densify();
+  Status save_checkpoint();
+  bool report_progress();
+  void write_log(const StepOutput& output);
+
+  PreparedCapture capture_;
+  TrainSettings settings_;
+  HyperParameters parameters_;
+  Ablation ablation_;
+  ProgressSink progress_;
+  LogSink log_;
+  TrainingImages images_;
+  TrainState state_;
+  std::unique_ptr<TrainBackend> backend_;
+  bool second_stage_ = false;
+  std::uint64_t epoch_ = ~std::uint64_t{0};
+  std::vector<std::uint32_t> order_;  // of the views of epoch_
+  std::chrono::steady_clock::time_point started_, reported_;
+  double seconds_before_ = 0;  // spent by the runs that this one goes on from
+  std::ofstream log_file_;
+};
+
+}  // namespace stgs::encoder

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// A small prepared capture with known content, made in a temporary folder: textured blobs on a
+// wall and one blob that crosses in front of it.
+#pragma once
+
+#include <string>
+
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::test {
+
+struct SyntheticCapture {
+  explicit SyntheticCapture(const std::string& name, int cameras = 4, int frames = 6);
+  ~SyntheticCapture();
+  SyntheticCapture(const SyntheticCapture&) = delete;
+  SyntheticCapture& operator=(const SyntheticCapture&) = delete;
+
+  encoder::PreparedCapture capture;
+  Gaussians4D truth;  // what the frames show
+};
+
+// PSNR in dB of a scene against the frames of the held-out camera, mean over frames.
+double held_out_psnr(const SyntheticCapture& synthetic, const Gaussians4D& scene);
+
+}  // namespace stgs::test

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+// The trainer's parts against what they promise: Adam, colour correction, regularisers,
+// densification, checkpoints.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "backend/cpu/regularisers.h"
+#include "stgs/format/math/blend.h"
+#include "train/adam.h"
+#include "train/checkpoint.h"
+#include "train/colour_correction.h"
+#include "train/densify.h"
+#include "train/random.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+
+namespace {
+
+TrainState random_state(std::size_t n, std::uint64_t seed) {
+  TrainState state;
+  state.set.sh_degree = 1;
+  state.resize(n);
+  Random random(seed, 0, RandomPurpose::kInitial);
+  for (int a = 0; a < kAttributes; ++a) {
+    for (float& v : state.values(a)) v = random.normal();
+  }
+  for (float& r : state.set.radius) r = std::abs(r);
+  for (float& s : state.set.log_scale) s = 0.3f * s - 3.0f;
+  state.derive_all(true);
+  state.statistics.reset(n);
+  state.colour.assign(2, kIdentityColour);
+  state.colour_first.assign(2, ColourMap{});
+  state.colour_second.assign(2, ColourMap{});
+  state.colour_updates.assign(2, 0);
+  return state;
+}
+
+Image random_image(int width, int height, std::uint64_t seed) {
+  Image image;
+  image.reshape(width, height, 3);
+  Random random(seed, 0, RandomPurpose::kInitial);
+  for (float& v : image.data) v = random.uniform();
+  return image;
+}
+
+std::string temporary_path(const char* name) {
+  return (std::filesystem::temp_directory_path() / name).string();
+}
+
+}  // namespace
+
+TEST_CASE("the first Adam step has the length of its rate, whatever the gradient's size") {
+  for (const float gradient : {1e-6f, 3.0f, -250.0f}) {
+    float value = 1.0f, first = 0.0f, second = 0.0f;
+    adam_step(&value, &first, &second, &gradient, 1, 0.01f, AdamCorrection(1));
+    CHECK(value == Approx(1.0f - std::copysign(0.01f, gradient)).epsilon(1e-4));
+  }
+}
+
+TEST_CASE("Adam follows its definition over many steps") {
+  float value = 0.5f, first = 0.0f, second = 0.0f;
+  double v = 0.5, m = 0, s = 0;
+  for (std::uint32_t n = 1; n <= 50; ++n) {
+    const float gradient = std::sin(0.7f * static_cast<float>(n)) + value;
+    adam_step(&value, &first, &second, &gradient, 1, 0.02f, AdamCorrection(n));
+    m = 0.9 * m + 0.1 * gradient;
+    s = 0.999 * s + 0.001 * gradient * gradient;
+    v -= 0.02 * (m / (1 - std::pow(0.9, n))) / (std::sqrt(s / (1 - std::pow(0.999, n))));
+    CHECK(value == Approx(v).epsilon(1e-4));
+  }
+}
+
+TEST_CASE("the colour correction's gradients match finite differences") {
+  const Image colour = random_image(37, 21, 1);
+  const Image weights = random_image(37, 21, 2);
+  ColourMap map = {1.1f,   0.05f, -0.02f, 0.03f, 0.9f,   0.01f,
+                   -0.04f, 0.02f, 1.05f,  0.01f, -0.02f, 0.03f};
+  Image shown;
+  const auto loss = [&](const ColourMap& m, const Image& c) {
+    apply_colour(m, c, shown);
+    double sum = 0;
+    for (std::size_t i = 0; i < shown.data.size(); ++i) {
+      sum += 0.5 * weights.data[i] * shown.data[i] * shown.data[i];
+    }
+    return sum;
+  };
+  loss(map, colour);
+  Image d_shown = shown;
+  for (std::size_t i = 0; i < d_shown.data.size(); ++i) d_shown.data[i] *= weights.data[i];
+  const ColourMap gradient = colour_backward(map, colour, d_shown);
+  const float step = 1e-2f;  // the loss is quadratic: central differences are exact
+  for (std::size_t i = 0; i < map.size(); ++i) {
+    ColourMap high = map, low = map;
+    high[i] += step;
+    low[i] -= step;
+    CHECK(gradient[i] ==
+          Approx((loss(high, colour) - loss(low, colour)) / (2 * step)).epsilon(1e-3));
+  }
+  for (const std::size_t i : {std::size_t{5}, std::size_t{900}, colour.data.size() - 1}) {
+    Image high = colour, low = colour;
+    high.data[i] += step;
+    low.data[i] -= step;
+    CHECK(d_shown.data[i] == Approx((loss(map, high) - loss(map, low)) / (2 * step)).epsilon(1e-2));
+  }
+}
+
+TEST_CASE("updating colours keeps their mean at the identity") {
+  TrainState state = random_state(1, 3);
+  const ColourMap gradient = {1, -2, 3, 0.1f, 5, -6, 7, 8, -9, 1, 1, -1};
+  for (int i = 0; i < 5; ++i) update_colour(state, i % 2, gradient, 0.01f);
+  for (std::size_t k = 0; k < kIdentityColour.size(); ++k) {
+    CHECK(0.5f * (state.colour[0][k] + state.colour[1][k]) ==
+          Approx(kIdentityColour[k]).margin(1e-6));
+  }
+  CHECK(state.colour[0] != kIdentityColour);
+}
+
+TEST_CASE("the regularisers' gradients match finite differences of their loss") {
+  const std::size_t n = 6;
+  TrainState state = random_state(n, 4);
+  SplatFrame frame;
+  frame.splats.resize(n);
+  for (std::size_t i = 0; i < n; ++i) frame.splats[i].id = static_cast<std::uint32_t>(i);
+  StepInput input;
+  input.ticks = 0.4f;
+  input.weight_lifespan = 0.7f;
+  input.weight_opacity = 0.5f;
+  input.weight_scale = 0.3f;
+  input.second_stage = true;
+  const auto difference = [&](float& value) {
+    const float before = value, step = 1e-2f;
+    value = before + step;
+    const double high = cpu::regularisation_loss(state, frame, input);
+    value = before - step;
+    const double low = cpu::regularisation_loss(state, frame, input);
+    value = before;
+    return (high - low) / (2 * step);
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    float d_scale[3] = {}, d_logit = 0, d_sigma = 0, d_radius = 0;
+    cpu::regularise(state, n, i, input, d_scale, d_logit, d_sigma, d_radius);
+    CHECK(d_logit == Approx(difference(state.set.opacity_logit[i])).epsilon(1e-2).margin(1e-5));
+    for (int c = 0; c < 3; ++c) {
+      CHECK(d_scale[c] ==
+            Approx(difference(state.set.log_scale[3 * i + c])).epsilon(1e-2).margin(1e-5));
+    }
+    // sigma and radius also move l(t), which the paper holds constant: leave L_opacity out.
+    input.second_stage = false;
+    CHECK(d_sigma == Approx(difference(state.set.sigma[i])).epsilon(2e-2).margin(1e-4));
+    CHECK(d_radius == Approx(difference(state.set.radius[i])).epsilon(2e-2).margin(1e-4));
+    input.second_stage = true;
+  }
+}
+
+TEST_CASE("two clones let as much light through as the one they came from") {
+  for (const float logit : {-4.0f, -1.0f, 0.0f, 2.0f, 6.0f}) {
+    const float copy = math::opacity_of(cloned_opacity_logit(logit));
+    CHECK((1 - copy) * (1 - copy) == Approx(1 - math::opacity_of(logit)).epsilon(1e-3));
+  }
+}
+
+TEST_CASE("growth clones the small, splits the large, removes the transparent") {
+  TrainState state = random_state(8, 5);
+  HyperParameters parameters;
+  parameters.max_primitives = 100;
+  parameters.growth_limit = 1.0;
+  DensifyContext context;
+  context.extent = 1.0f;
+  const float small = std::log(0.001f), large = std::log(0.1f);
+  for (std::size_t i = 0; i < 8; ++i) {
+    state.set.opacity_logit[i] = 0.0f;
+    std::fill_n(state.set.log_scale.begin() + 3 * static_cast<int>(i), 3, i < 4 ? small : large);
+    state.statistics.views[i] = 1;
+  }
+  state.set.opacity_logit[7] = -8.0f;
+  state.statistics.gradient_sum[1] = 1.0f;      // small and pulled: clone
+  state.statistics.gradient_sum[5] = 1.0f;      // large: the absolute gradient counts
+  state.statistics.abs_gradient_sum[6] = 1.0f;  // large and torn: split
+  const DensifyCounts counts = grow(state, parameters, context);
+  CHECK(counts.cloned == 1);
+  CHECK(counts.split == 1);
+  CHECK(counts.removed == 1);
+  REQUIRE(state.size() == 9);
+  CHECK(math::opacity_of(state.set.opacity_logit[1]) == Approx(1 - std::sqrt(0.5f)));
+  CHECK(state.set.log_scale[3 * 6] == Approx(large - std::log(1.6f)));
+  CHECK(state.statistics.views[1] == 0);
+}
+
+TEST_CASE("growth stops at the limit and takes the most urgent") {
+  TrainState state = random_state(10, 6);
+  HyperParameters parameters;
+  parameters.max_primitives = 12;
+  parameters.growth_limit = 1.0;
+  for (std::size_t i = 0; i < 10; ++i) {
+    state.set.opacity_logit[i] = 0.0f;
+    std::fill_n(state.set.log_scale.begin() + 3 * static_cast<int>(i), 3, std::log(1e-4f));
+    state.statistics.views[i] = 1;
+    state.statistics.gradient_sum[i] = 1.0f + static_cast<float>(i);
+  }
+  grow(state, parameters, {});
+  REQUIRE(state.size() == 12);
+  CHECK(math::opacity_of(state.set.opacity_logit[9]) < 0.4f);
+  CHECK(math::opacity_of(state.set.opacity_logit[8]) < 0.4f);
+  CHECK(math::opacity_of(state.set.opacity_logit[0]) == Approx(0.5f));
+}
+
+TEST_CASE("replacement keeps N and clones the highest scores") {
+  TrainState state = random_state(50, 7);
+  HyperParameters parameters;
+  parameters.replace_limit = 1.0;
+  for (std::size_t i = 0; i < 50; ++i) state.set.opacity_logit[i] = 0.0f;
+  state.set.opacity_logit[3] = state.set.opacity_logit[4] = -9.0f;
+  state.statistics.error_max[20] = 10.0f;
+  state.statistics.error_max[30] = 10.0f;
+  for (std::size_t i : {20, 30}) state.log_sigma[i] = std::log(0.5f);
+  state.derive_all(true);
+  const DensifyCounts counts = replace(state, parameters, {});
+  CHECK(state.size() == 50);
+  CHECK(counts.replaced == 2);
+  CHECK(state.log_sigma[3] == Approx(std::log(0.5f)));
+  CHECK(math::opacity_of(state.set.opacity_logit[20]) == Approx(1 - std::sqrt(0.5f)));
+}
+
+TEST_CASE("the score prefers short, fast primitives at equal error and opacity") {
+  TrainState state = random_state(3, 8);
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);
+  std::fill(state.set.radius.begin(), state.set.radius.end(), 0.0f);
+  std::fill(state.velocity.begin(), state.velocity.end(), 0.0f);
+  state.log_sigma = {std::log(0.8f), std::log(0.8f), std::log(60.0f)};
+  state.velocity[0] = 3.0f;
+  state.derive_all(true);
+  const std::vector<float> s = densification_scores(state, HyperParameters{}, true);
+  CHECK(s[0] > s[1]);
+  CHECK(s[1] > s[2]);
+}
+
+TEST_CASE("a checkpoint brings every number back, and refuses damage and other settings") {
+  const std::string path = temporary_path("stgs_test_checkpoint.ckpt");
+  TrainState state = random_state(5, 9);
+  state.iteration = 77;
+  state.seconds = 1.5;
+  state.moments[kSh].second[3] = 0.25f;
+  state.colour[1][4] = 0.75f;
+  REQUIRE(write_checkpoint(path, state, "settings").ok());
+  const Result<TrainState> back = read_checkpoint(path, "settings");
+  REQUIRE(back.ok());
+  CHECK(back->iteration == 77);
+  CHECK(back->set.sh == state.set.sh);
+  CHECK(back->moments[kSh].second == state.moments[kSh].second);
+  CHECK(back->colour == state.colour);
+  CHECK(read_checkpoint(path, "others").status().code() == StatusCode::kUsage);
+
+  std::ifstream in(path, std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  for (std::size_t at = 0; at < bytes.size(); at += 41) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x10);
+    std::ofstream(path, std::ios::binary) << damaged;
+    CHECK(read_checkpoint(path, "settings").status().code() == StatusCode::kInvalidFile);
+  }
+  std::ofstream(path, std::ios::binary) << bytes.substr(0, bytes.size() / 2);
+  CHECK(read_checkpoint(path, "settings").status().code() == StatusCode::kInvalidFile);
+  std::remove(path.c_str());
+}
