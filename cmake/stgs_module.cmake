@@ -7,8 +7,7 @@ function(stgs_compile_options target)
   target_compile_options(${target} PRIVATE
     $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion>
     $<$<AND:$<BOOL:${STGS_WARNINGS_AS_ERRORS}>,$<COMPILE_LANGUAGE:CXX>>:-Werror>
-    $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>
-    $<$<COMPILE_LANGUAGE:CUDA>:-std=c++20>)
+    $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>)
 endfunction()
 
 function(stgs_module name)

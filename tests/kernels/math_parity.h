@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// One primitive through every function of format/math, in the subset that C++, CUDA and GLSL
+// share, so that the three compute the same thing from the same text.
+#ifndef STGS_TESTS_MATH_PARITY_H
+#define STGS_TESTS_MATH_PARITY_H
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/project.h"
+#include "stgs/format/math/sh.h"
+
+STGS_MATH_BEGIN
+
+// Members are scalars only, so std430 lays both structs out as C++ does.
+struct ParityGiven {
+  Vec3 position;  // X, scene units
+  Vec3 velocity;  // v, before the division by f
+  Quat rotation;
+  Vec3 log_scale;
+  float opacity_logit;
+  float dt;  // t - T, ticks
+  float sigma;
+  float radius;
+  Vec2 offset;   // pixel offset from the mean, as a share of the extent
+  float sh[48];  // 16 coefficients of red, then green, then blue
+  PinholeCamera camera;
+};
+
+struct ParityFound {
+  float modulation;
+  Vec3 position;  // X_t
+  float visibility;
+  float opacity;
+  float support;
+  Sym3 covariance;
+  Projection projection;
+  Vec2 extent;
+  float basis[16];
+  Vec3 colour;
+  float power;
+  float alpha;
+};
+
+STGS_FN ParityFound parity_of(ParityGiven g) {
+  ParityFound r;
+  r.modulation = lifespan_modulation(g.sigma, g.radius);
+  Vec3 u = vec3_of(g.velocity.x / r.modulation, g.velocity.y / r.modulation,
+                   g.velocity.z / r.modulation);
+  r.position = position_at(g.position, u, g.dt);
+  r.visibility = visibility(g.dt, g.sigma, g.radius);
+  r.opacity = opacity_of(g.opacity_logit);
+  r.support = support_half_width(r.opacity, g.sigma, g.radius, kAlphaThreshold);
+  r.covariance = covariance_of(g.rotation,
+                               vec3_of(exp(g.log_scale.x), exp(g.log_scale.y), exp(g.log_scale.z)));
+  r.projection = project_gaussian(g.camera, r.position, r.covariance);
+  float opacity_t = r.opacity * r.visibility;
+  r.extent = splat_extent(r.projection.covariance, opacity_t, kAlphaThreshold);
+  Vec3 centre = camera_centre(g.camera);
+  Vec3 d = vec3_of(r.position.x - centre.x, r.position.y - centre.y, r.position.z - centre.z);
+  float n = 1.0f / sqrt(dot3(d, d));
+  ShBasis b = sh_basis(vec3_of(d.x * n, d.y * n, d.z * n));
+  Vec3 sum = vec3_of(0.0f, 0.0f, 0.0f);
+  for (int k = 0; k < kShMaxCoefficients; ++k) {
+    r.basis[k] = b.v[k];
+    sum.x += b.v[k] * g.sh[k];
+    sum.y += b.v[k] * g.sh[16 + k];
+    sum.z += b.v[k] * g.sh[32 + k];
+  }
+  r.colour = vec3_of(sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z));
+  r.power = splat_power(r.projection.conic, g.offset.x * larger(r.extent.x, 0.0f),
+                        g.offset.y * larger(r.extent.y, 0.0f));
+  r.alpha = splat_alpha(opacity_t, r.power);
+  return r;
+}
+
+STGS_MATH_END
+
+#endif

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "math_parity_check.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace stgs::test {
+namespace {
+
+using namespace stgs::math;
+
+constexpr double kEpsilon = 1.0 / (1 << 23);
+
+class Random {
+ public:
+  explicit Random(std::uint32_t seed) : bits_(seed) {}
+  float operator()(double low, double high) {
+    const double share = static_cast<double>(bits_()) / 4294967296.0;
+    return static_cast<float>(low + (high - low) * share);
+  }
+
+ private:
+  std::mt19937 bits_;
+};
+
+Quat random_quat(Random& random) {
+  const float w = random(-1, 1), x = random(-1, 1), y = random(-1, 1), z = random(-1, 1);
+  const float length = std::sqrt(w * w + x * x + y * y + z * z);
+  return length > 0.1f ? Quat{w, x, y, z} : Quat{1, 0, 0, 0};
+}
+
+PinholeCamera random_camera(Random& random) {
+  PinholeCamera camera{};
+  camera.rotation = rotation_of(random_quat(random));
+  camera.translation = {random(-5, 5), random(-5, 5), random(-5, 5)};
+  camera.width = random(320, 3840);
+  camera.height = camera.width * random(0.5, 1.0);
+  camera.fx = camera.width * random(0.5, 1.5);
+  camera.fy = camera.fx * random(0.9, 1.1);
+  camera.cx = camera.width * random(0.4, 0.6);
+  camera.cy = camera.height * random(0.4, 0.6);
+  camera.near_plane = 0.2f;
+  return camera;
+}
+
+double norm(Vec3 v) {
+  return std::sqrt(static_cast<double>(dot3(v, v)));
+}
+
+// Collects the rows in the order of their first appearance.
+class Comparison {
+ public:
+  // `tolerance` is the largest allowed |expected - actual|. A NaN anywhere counts as infinitely
+  // far off.
+  void add(const char* quantity, std::size_t index, double expected, double actual,
+           double tolerance) {
+    auto row = std::find_if(rows.begin(), rows.end(),
+                            [&](const ParityRow& r) { return r.quantity == quantity; });
+    if (row == rows.end()) row = rows.insert(rows.end(), ParityRow{quantity});
+    const double difference = expected == actual ? 0.0 : std::abs(expected - actual);
+    double share = difference / tolerance;
+    if (!(share < INFINITY)) share = INFINITY;
+    ++row->compared;
+    if (difference > row->worst_difference) row->worst_difference = difference;
+    if (share > row->worst) {
+      row->worst = share;
+      row->worst_index = index;
+    }
+  }
+  void add(const char* quantity, std::size_t index, Vec3 expected, Vec3 actual, double tolerance) {
+    add(quantity, index, expected.x, actual.x, tolerance);
+    add(quantity, index, expected.y, actual.y, tolerance);
+    add(quantity, index, expected.z, actual.z, tolerance);
+  }
+  void add(const char* quantity, std::size_t index, Sym2 expected, Sym2 actual, double tolerance) {
+    add(quantity, index, expected.xx, actual.xx, tolerance);
+    add(quantity, index, expected.xy, actual.xy, tolerance);
+    add(quantity, index, expected.yy, actual.yy, tolerance);
+  }
+
+  std::vector<ParityRow> rows;
+};
+
+// ln(O / o_th) as a half width implies it; 0 where the half width says that nothing is drawn.
+double exponent_of(double half_width, double unit) {
+  return half_width < 0.0 ? 0.0 : half_width * half_width / (unit * unit);
+}
+
+void compare_in_time(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
+                     std::size_t i, Comparison* out) {
+  out->add("modulation f", i, e.modulation, a.modulation, 4 * kEpsilon * e.modulation);
+  const double path = norm(g.velocity) / e.modulation * std::abs(g.dt);
+  out->add("position X_t", i, e.position, a.position, 4 * kEpsilon * (norm(g.position) + path));
+  out->add("visibility l(t)", i, e.visibility, a.visibility, 8 * kEpsilon);
+  out->add("opacity O", i, e.opacity, a.opacity, 8 * kEpsilon);
+  // By the exponent, because a half width near 0 magnifies the smallest error.
+  out->add("support ln(O/o_th)", i, exponent_of(e.support - g.radius, g.sigma),
+           exponent_of(a.support - g.radius, g.sigma),
+           64 * kEpsilon * (1.0 + g.radius / g.sigma) * (1.0 + std::abs(g.opacity_logit)));
+}
+
+void compare_on_screen(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
+                       std::size_t i, Comparison* out) {
+  const Projection& p = e.projection;
+  // Cancellation in p_camera = R p + t; how much of it a depth carries.
+  const double reach = norm(e.position) + norm(g.camera.translation);
+  out->add("depth", i, p.depth, a.projection.depth, 8 * kEpsilon * reach);
+  const bool at_near_plane = std::abs(p.depth - g.camera.near_plane) <= 8 * kEpsilon * reach;
+  if (!at_near_plane) out->add("visible", i, p.visible, a.projection.visible, 0.5);
+  if (!p.visible || !a.projection.visible) return;
+  const double eta = kEpsilon * (1.0 + reach / p.depth);
+  const double focal = std::max(g.camera.fx, g.camera.fy);
+  const double slope = 1.0 + std::hypot(p.mean.x - g.camera.cx, p.mean.y - g.camera.cy) / focal;
+  out->add("mean, px", i, p.mean.x, a.projection.mean.x, 8 * eta * focal * slope);
+  out->add("mean, px", i, p.mean.y, a.projection.mean.y, 8 * eta * focal * slope);
+  const double trace = static_cast<double>(p.covariance.xx) + p.covariance.yy;
+  out->add("screen covariance, px^2", i, p.covariance, a.projection.covariance, 32 * eta * trace);
+  const double determinant = static_cast<double>(p.covariance.xx) * p.covariance.yy -
+                             static_cast<double>(p.covariance.xy) * p.covariance.xy;
+  const double condition = trace * trace / determinant;
+  const double conic_trace = static_cast<double>(p.conic.xx) + p.conic.yy;
+  const double conic_tolerance = 32 * eta * condition;  // relative to the conic's trace
+  out->add("conic, 1/px^2", i, p.conic, a.projection.conic, conic_tolerance * conic_trace);
+
+  out->add("extent ln(O_t/o_th)", i, exponent_of(e.extent.x, std::sqrt(2.0 * p.covariance.xx)),
+           exponent_of(a.extent.x, std::sqrt(2.0 * a.projection.covariance.xx)), 1e-4);
+  const double dx = g.offset.x * std::max(e.extent.x, 0.0f);
+  const double dy = g.offset.y * std::max(e.extent.y, 0.0f);
+  const double power_tolerance = 1e-5 + conic_tolerance * conic_trace * (dx * dx + dy * dy);
+  out->add("power", i, e.power, a.power, power_tolerance);
+  // The law cuts alpha to 0 at the threshold, so there either side is right.
+  const double alpha_tolerance = 8 * kEpsilon + e.opacity * e.visibility * power_tolerance;
+  const double one = e.alpha, other = a.alpha;
+  const bool cut = (one == 0.0) != (other == 0.0);
+  out->add("alpha", i, cut ? kAlphaThreshold : one, cut ? std::max(one, other) : other,
+           alpha_tolerance);
+}
+
+void compare_colour(const ParityGiven& g, const ParityFound& e, const ParityFound& a, std::size_t i,
+                    Comparison* out) {
+  const Vec3 centre = camera_centre(g.camera);
+  const Vec3 d = {e.position.x - centre.x, e.position.y - centre.y, e.position.z - centre.z};
+  const double direction =
+      kEpsilon * (1.0 + (norm(e.position) + norm(g.camera.translation)) / norm(d));
+  double weight = 0.5;
+  for (float c : g.sh) weight += std::abs(c);
+  for (int k = 0; k < 16; ++k) out->add("SH basis", i, e.basis[k], a.basis[k], 16 * direction);
+  out->add("colour", i, e.colour, a.colour, 16 * direction * weight);
+}
+
+}  // namespace
+
+std::vector<ParityGiven> parity_primitives(std::size_t count, std::uint32_t seed) {
+  Random random(seed);
+  std::vector<ParityGiven> given(count);
+  for (ParityGiven& g : given) {
+    g.camera = random_camera(random);
+    g.rotation = random_quat(random);
+    g.log_scale = {random(-6, -0.5), random(-6, -0.5), random(-6, -0.5)};
+    g.opacity_logit = random(-7, 8);
+    g.sigma = std::exp(random(-1, 6));
+    g.radius = random(0, 1) < 0.3f ? 1e-6f : std::exp(random(-2, 5));
+    g.dt = random(-1.5, 1.5) * (g.radius + 2 * g.sigma);
+    g.velocity = {random(-10, 10), random(-10, 10), random(-10, 10)};
+    g.offset = {random(-1.2, 1.2), random(-1.2, 1.2)};
+    for (float& c : g.sh) c = random(-0.4, 0.4);
+    // Where it is to be seen at t, in the camera's frame; X follows from it.
+    const float z = random(0, 1) < 0.05f ? random(-5, 0.3) : std::exp(random(-1.5, 3));
+    const Vec3 seen = {random(-1, 1) * z, random(-1, 1) * z, z};
+    const Vec3 from_centre = mat3_transpose_mul(g.camera.rotation, seen);
+    const Vec3 centre = camera_centre(g.camera);
+    const float s = g.dt / lifespan_modulation(g.sigma, g.radius);
+    g.position = {centre.x + from_centre.x - g.velocity.x * s,
+                  centre.y + from_centre.y - g.velocity.y * s,
+                  centre.z + from_centre.z - g.velocity.z * s};
+  }
+  return given;
+}
+
+std::vector<ParityRow> compare_parity(const std::vector<ParityGiven>& given,
+                                      const std::vector<ParityFound>& found) {
+  Comparison comparison;
+  for (std::size_t i = 0; i < given.size(); ++i) {
+    const ParityGiven& g = given[i];
+    const ParityFound expected = parity_of(g);
+    compare_in_time(g, expected, found[i], i, &comparison);
+    const Sym3 e = expected.covariance;
+    const Sym3 a = found[i].covariance;
+    const double trace = static_cast<double>(e.xx) + e.yy + e.zz;
+    const double tolerance = 32 * kEpsilon * trace;
+    comparison.add("covariance", i, Vec3{e.xx, e.yy, e.zz}, Vec3{a.xx, a.yy, a.zz}, tolerance);
+    comparison.add("covariance", i, Vec3{e.xy, e.xz, e.yz}, Vec3{a.xy, a.xz, a.yz}, tolerance);
+    compare_on_screen(g, expected, found[i], i, &comparison);
+    compare_colour(g, expected, found[i], i, &comparison);
+  }
+  return comparison.rows;
+}
+
+std::string parity_table(const std::vector<ParityRow>& rows) {
+  std::string table =
+      fmt::format("{:<26}{:>10}{:>14}{:>16}\n", "quantity", "values", "worst", "of tolerance");
+  for (const ParityRow& row : rows)
+    table += fmt::format("{:<26}{:>10}{:>14.3g}{:>15.1f}%\n", row.quantity, row.compared,
+                         row.worst_difference, 100.0 * row.worst);
+  return table;
+}
+
+}  // namespace stgs::test
