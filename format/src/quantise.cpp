@@ -10,7 +10,7 @@
 namespace stgs {
 namespace {
 
-constexpr double kOctavesPerQuality = 1.0 / 12.5;
+constexpr int kDefaultQuality = 85;
 constexpr double kDeadZone = 0.1;  // of a step, harmonics above degree 0
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
@@ -235,7 +235,8 @@ Integers position(const Gaussians4D& part, int finest, std::vector<std::uint32_t
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::uint32_t frames, int quality) : frames_(frames) {
-  const double coarser = (85 - quality) * kOctavesPerQuality;
+  // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
+  const double coarser = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   // The fractions spread the attributes' doublings over the range of qualities.
   const auto exponent = [coarser](double at_85) {
     return static_cast<int>(std::floor(at_85 + coarser));

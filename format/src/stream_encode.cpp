@@ -31,17 +31,18 @@ Planes split(std::span<const Value> values, std::size_t components, int digit_bi
   out.digits = std::max(1, (static_cast<int>(std::bit_width(all)) + digit_bits - 1) / digit_bits);
   out.bytes_each = plane_bytes(n, digit_bits);
   out.bytes.resize(out.bytes_each * components * static_cast<std::size_t>(out.digits));
-  const int per_byte = 8 / digit_bits;
+  const auto per_byte = static_cast<std::size_t>(8 / digit_bits);
   const Value mask = static_cast<Value>((1u << digit_bits) - 1);
   std::uint8_t* to = out.bytes.data();
   for (std::size_t c = 0; c < components; ++c) {
     const Value* from = values.data() + c * n;
     for (int digit = 0; digit < out.digits; ++digit, to += out.bytes_each) {
       const int shift = digit * digit_bits;
-      for (std::size_t i = 0; i < n; ++i) {
-        const int place = static_cast<int>(i % static_cast<std::size_t>(per_byte)) * digit_bits;
-        to[i / static_cast<std::size_t>(per_byte)] |=
-            static_cast<std::uint8_t>((from[i] >> shift & mask) << place);
+      for (std::size_t place = 0; place < per_byte; ++place) {
+        const int to_shift = static_cast<int>(place) * digit_bits;
+        for (std::size_t i = place, b = 0; i < n; i += per_byte, ++b) {
+          to[b] |= static_cast<std::uint8_t>((from[i] >> shift & mask) << to_shift);
+        }
       }
     }
   }
