@@ -98,6 +98,25 @@ bool find_frames(const std::string& folder, const std::string& name, SourceCamer
   return !camera.pictures.empty();
 }
 
+std::vector<SourceCamera> find_cameras(const std::string& folder) {
+  std::vector<SourceCamera> cameras;
+  for (const char* below : {"/videos", "/images", ""}) {
+    for (const std::string& path : list_videos(folder + below)) {
+      cameras.emplace_back().name = stem_of(path);
+      cameras.back().video = path;
+    }
+    if (!cameras.empty()) return cameras;
+    for (const std::string& path : list_folders(folder + below)) {
+      SourceCamera camera;
+      camera.name = fs::path(path).filename().string();
+      const bool other = camera.name == "masks" || camera.name == "flow" || camera.name == "images";
+      if (!other && find_frames(folder + below, camera.name, camera)) cameras.push_back(camera);
+    }
+    if (!cameras.empty()) return cameras;
+  }
+  return cameras;
+}
+
 Status find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
   const std::vector<std::string> found = list_pictures(folder + "/" + name);
   if (found.empty()) return {};

@@ -28,6 +28,10 @@ std::string stem_of(const std::string& path);
 // false where there is none of them.
 bool find_frames(const std::string& folder, const std::string& name, SourceCamera& camera);
 
+// The cameras without calibration of a folder: a video each, or a folder of pictures each, in
+// videos/, images/ or the folder itself, whichever has any first. Only name and frames are set.
+std::vector<SourceCamera> find_cameras(const std::string& folder);
+
 // Gives `camera` its masks, where folder/NAME/ exists: one picture a frame of the camera, matched
 // by name, or by order where the camera has a video. Error: a frame without a mask.
 Status find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);

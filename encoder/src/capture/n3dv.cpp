@@ -122,6 +122,7 @@ Result<SourceCapture> load_n3dv(const std::string& folder) {
         names.empty() ? "none" : names.front() + " .. " + names.back());
   }
   SourceCapture capture;
+  capture.split_known = true;
   for (std::size_t i = 0; i < names.size(); ++i) {
     SourceCamera camera;
     camera.name = names[i];

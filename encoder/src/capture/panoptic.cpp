@@ -109,14 +109,13 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
 
 }  // namespace
 
-Result<SourceCapture> load_panoptic(const std::string& folder, const LogSink& log) {
+Result<SourceCapture> load_panoptic(const std::string& folder) {
   SourceCapture capture;
   capture.fps = 30;
   STGS_TRY(read_meta(folder, "train_meta.json", false, capture));
   if (fs::exists(folder + "/test_meta.json")) {
     STGS_TRY(read_meta(folder, "test_meta.json", true, capture));
-  } else {
-    log(1, folder + ": has no test_meta.json, so no camera is held out");
+    capture.split_known = true;
   }
   std::sort(
       capture.cameras.begin(), capture.cameras.end(),

@@ -21,9 +21,16 @@ struct LayoutEntry {
   const char* looked_for;  // what the layout is recognised by
 };
 // In the order in which a folder is tried.
-constexpr std::array<LayoutEntry, 2> kLayouts = {{
+constexpr std::array<LayoutEntry, 6> kLayouts = {{
     {Layout::kPanoptic, "panoptic", "train_meta.json"},
     {Layout::kN3dv, "n3dv", "poses_bounds.npy"},
+    {Layout::kEasyVolcap, "easyvolcap", "intri.yml and extri.yml"},
+    {Layout::kNerfstudio, "nerfstudio", "transforms.json"},
+    {Layout::kColmap, "colmap",
+     "cameras and images (.bin or .txt) in sparse/0, sparse or the folder itself"},
+    {Layout::kVideos, "videos",
+     "cameras.json, or at least two videos (or folders of pictures) in the folder itself, in "
+     "videos/ or in images/"},
 }};
 
 bool recognised(Layout layout, const std::string& folder) {
@@ -33,9 +40,18 @@ bool recognised(Layout layout, const std::string& folder) {
       return has("train_meta.json");
     case Layout::kN3dv:
       return has("poses_bounds.npy");
-    default:
-      return false;
+    case Layout::kEasyVolcap:
+      return has("intri.yml") && has("extri.yml");
+    case Layout::kNerfstudio:
+      return has("transforms.json");
+    case Layout::kColmap:
+      return !colmap_model_folder(folder).empty();
+    case Layout::kVideos:
+      return has("cameras.json") || find_cameras(folder).size() >= 2;
+    case Layout::kAuto:
+      break;
   }
+  return false;
 }
 
 Result<Layout> detect(const std::string& folder) {
@@ -47,15 +63,26 @@ Result<Layout> detect(const std::string& folder) {
   return usage_error("{}: is not a capture of a known layout. Looked for:{}", folder, looked_for);
 }
 
-Result<SourceCapture> load(Layout layout, const std::string& folder, const LogSink& log) {
+Result<SourceCapture> load(Layout layout, const std::string& folder,
+                           const PrepareSettings& settings, const ProgressSink& progress,
+                           const LogSink& log) {
   switch (layout) {
     case Layout::kPanoptic:
-      return load_panoptic(folder, log);
+      return load_panoptic(folder);
     case Layout::kN3dv:
       return load_n3dv(folder);
-    default:
-      return unsupported("{}: no loader", layout_name(layout));
+    case Layout::kEasyVolcap:
+      return load_easyvolcap(folder);
+    case Layout::kNerfstudio:
+      return load_nerfstudio(folder, log);
+    case Layout::kColmap:
+      return load_colmap(folder);
+    case Layout::kVideos:
+      return load_videos(folder, settings.first_frame, progress, log);
+    case Layout::kAuto:
+      break;
   }
+  return usage_error("{}: no layout is chosen", folder);
 }
 
 // Refuses what is no rotation, and takes the nearest one for what nearly is.
@@ -99,6 +126,22 @@ Status check(SourceCapture& capture) {
   return {};
 }
 
+// Where the layout names no held-out cameras: the middle one by name, if enough others remain.
+void choose_test_camera(SourceCapture& capture, const LogSink& log) {
+  constexpr std::size_t kFewest = 4;
+  if (capture.split_known || capture.cameras.size() < kFewest) return;
+  std::vector<SourceCamera*> sorted;
+  for (SourceCamera& camera : capture.cameras) sorted.push_back(&camera);
+  std::sort(sorted.begin(), sorted.end(), [](const SourceCamera* a, const SourceCamera* b) {
+    return natural_less(a->name, b->name);
+  });
+  SourceCamera& middle = *sorted[sorted.size() / 2];
+  middle.test = true;
+  log(2, fmt::format("{}: names no test cameras; the middle one by name, '{}', is held out unless "
+                     "others are asked for",
+                     capture.folder, middle.name));
+}
+
 }  // namespace
 
 const char* layout_name(Layout layout) {
@@ -120,19 +163,20 @@ Result<Layout> layout_from_name(const std::string& name) {
 
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log) {
-  (void)progress;
   if (!fs::is_directory(folder)) return io_error("{}: is not a folder", folder);
   Layout layout = settings.layout;
   if (layout == Layout::kAuto) {
     STGS_ASSIGN(layout, detect(folder));
     log(2, fmt::format("{}: recognised as {}", folder, layout_name(layout)));
   }
-  Result<SourceCapture> capture = load(layout, folder, log);
+  Result<SourceCapture> capture = load(layout, folder, settings, progress, log);
   if (!capture.ok()) return capture;
   capture->layout = layout;
   capture->folder = folder;
   if (fs::is_directory(folder + "/flow")) capture->flow_folder = folder + "/flow";
   STGS_TRY(check(*capture));
+  const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
+  if (own_split) choose_test_camera(*capture, log);
   return capture;
 }
 

@@ -40,9 +40,10 @@ struct SourceCapture {
   Layout layout = Layout::kAuto;
   std::string folder;
   std::vector<SourceCamera> cameras;
-  double fps = 0;           // that the layout states; 0: it does not (videos state their own)
-  bool metric = false;      // scene units are metres
-  std::string flow_folder;  // of CAM/NNNNNN.flo, or empty
+  bool split_known = false;  // the layout says which cameras are held out, even if none
+  double fps = 0;            // that the layout states; 0: it does not (videos state their own)
+  bool metric = false;       // scene units are metres
+  std::string flow_folder;   // of CAM/NNNNNN.flo, or empty
   std::vector<InitialPoint> points;  // static points that came with the capture
 };
 
@@ -55,9 +56,21 @@ const char* layout_name(Layout layout);
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log);
 
-// The loaders, one a layout. Each throws nothing but what load_source catches (JSON, OpenCV and
-// file system errors).
+// The loaders, one a layout. They may throw OpenCV's and the file system's exceptions.
 Result<SourceCapture> load_n3dv(const std::string& folder);
-Result<SourceCapture> load_panoptic(const std::string& folder, const LogSink& log);
+Result<SourceCapture> load_panoptic(const std::string& folder);
+Result<SourceCapture> load_easyvolcap(const std::string& folder);
+Result<SourceCapture> load_colmap(const std::string& folder);
+Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& log);
+Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
+                                  const ProgressSink& progress, const LogSink& log);
+
+// Sets the cameras' intrinsics and poses by running COLMAP on one frame of each. Error: cameras
+// that COLMAP could not place, by name; COLMAP not installed (kNotBuilt).
+Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress,
+                 const LogSink& log);
+
+// Where the capture's COLMAP model is: sparse/0, sparse, or the folder; "" if nowhere.
+std::string colmap_model_folder(const std::string& folder);
 
 }  // namespace stgs::encoder

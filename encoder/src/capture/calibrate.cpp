@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// Calibrating standing cameras with COLMAP, from one frame of each.
+#include <stdlib.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+
+#include "capture_files.h"
+#include "colmap_model.h"
+#include "frame_reader.h"
+#include "run_program.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TemporaryFolder {
+  std::string path;
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    if (!path.empty()) fs::remove_all(path, ignored);
+  }
+};
+
+Status make_folder(TemporaryFolder& folder) {
+  std::string name = (fs::temp_directory_path() / "stgs-calibrate-XXXXXX").string();
+  if (::mkdtemp(name.data()) == nullptr) return io_error("{}: cannot create a folder", name);
+  folder.path = name;
+  fs::create_directory(name + "/images");
+  fs::create_directory(name + "/sparse");
+  return {};
+}
+
+Status write_first_frame(const SourceCamera& camera, int frame, const std::string& folder) {
+  STGS_ASSIGN(const FrameInfo info, probe_frames(camera));
+  if (frame >= info.frames) {
+    return usage_error("camera '{}' has no frame {}: it has {} frames", camera.name, frame,
+                       info.frames);
+  }
+  cv::Mat image;
+  if (camera.video.empty()) {
+    STGS_ASSIGN(image, read_picture(camera, frame, info.width, info.height));
+  } else {
+    STGS_ASSIGN(const std::unique_ptr<VideoReader> video, VideoReader::open(camera, frame));
+    STGS_ASSIGN(image, video->next(info.width, info.height));
+  }
+  const std::string path = folder + "/images/" + camera.name + ".png";
+  if (!cv::imwrite(path, image)) return io_error("{}: cannot write", path);
+  return {};
+}
+
+Status run_colmap(const std::string& folder, const ProgressSink& progress) {
+  const std::string database = folder + "/database.db", images = folder + "/images";
+  const std::vector<std::vector<std::string>> commands = {
+      {"colmap", "feature_extractor", "--database_path", database, "--image_path", images,
+       "--ImageReader.camera_model", "SIMPLE_RADIAL", "--ImageReader.single_camera_per_image", "1",
+       "--SiftExtraction.use_gpu", "0"},
+      {"colmap", "exhaustive_matcher", "--database_path", database, "--SiftMatching.use_gpu", "0"},
+      {"colmap", "mapper", "--database_path", database, "--image_path", images, "--output_path",
+       folder + "/sparse"}};
+  double done = 0;
+  for (const std::vector<std::string>& command : commands) {
+    STGS_TRY(run_program(command, folder + "/log.txt", "calibrate", done, progress));
+    done += 1.0 / static_cast<double>(commands.size());
+  }
+  return {};
+}
+
+// The reconstruction that placed most images; the mapper starts another where one gets stuck.
+Result<ColmapModel> best_model(const std::string& folder) {
+  ColmapModel best;
+  for (const std::string& path : list_folders(folder + "/sparse")) {
+    STGS_ASSIGN(ColmapModel model, read_colmap_model(path));
+    if (model.images.size() > best.images.size()) best = std::move(model);
+  }
+  return best;
+}
+
+}  // namespace
+
+Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress,
+                 const LogSink& log) {
+  log(2, capture.folder + ": has no calibration; COLMAP calibrates from one frame of each camera");
+  TemporaryFolder folder;
+  STGS_TRY(make_folder(folder));
+  for (const SourceCamera& camera : capture.cameras) {
+    STGS_TRY(write_first_frame(camera, frame, folder.path));
+  }
+  STGS_TRY(run_colmap(folder.path, progress));
+  STGS_ASSIGN(ColmapModel model, best_model(folder.path));
+  SourceCapture placed;
+  STGS_TRY(cameras_from_colmap(model, capture.folder, placed, nullptr));
+  std::string lost;
+  for (SourceCamera& camera : capture.cameras) {
+    const auto it =
+        std::find_if(placed.cameras.begin(), placed.cameras.end(),
+                     [&](const SourceCamera& other) { return other.name == camera.name; });
+    if (it == placed.cameras.end()) {
+      lost += (lost.empty() ? "'" : ", '") + camera.name + "'";
+      continue;
+    }
+    SourceCamera calibrated = *it;
+    calibrated.video = camera.video;
+    calibrated.pictures = std::move(camera.pictures);
+    camera = std::move(calibrated);
+  }
+  if (!lost.empty()) {
+    return runtime_error(
+        "{}: COLMAP placed {} of {} cameras, but not {}; take these away, or give "
+        "a calibration in cameras.json",
+        capture.folder, placed.cameras.size(), capture.cameras.size(), lost);
+  }
+  capture.points = std::move(model.points);
+  log(2, fmt::format("{}: calibrated {} cameras, with {} points", capture.folder,
+                     capture.cameras.size(), capture.points.size()));
+  return {};
+}
+
+}  // namespace stgs::encoder

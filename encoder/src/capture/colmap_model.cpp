@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "colmap_model.h"
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <sstream>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ModelKind {
+  const char* name;
+  std::size_t params;
+};
+// In the order of COLMAP's numbers.
+constexpr std::array<ModelKind, 11> kModels = {{{"SIMPLE_PINHOLE", 3},
+                                                {"PINHOLE", 4},
+                                                {"SIMPLE_RADIAL", 4},
+                                                {"RADIAL", 5},
+                                                {"OPENCV", 8},
+                                                {"OPENCV_FISHEYE", 8},
+                                                {"FULL_OPENCV", 12},
+                                                {"FOV", 5},
+                                                {"SIMPLE_RADIAL_FISHEYE", 4},
+                                                {"RADIAL_FISHEYE", 5},
+                                                {"THIN_PRISM_FISHEYE", 12}}};
+
+const ModelKind* kind_of(const std::string& name) {
+  const auto it = std::find_if(kModels.begin(), kModels.end(),
+                               [&](const ModelKind& kind) { return name == kind.name; });
+  return it == kModels.end() ? nullptr : &*it;
+}
+
+// Little-endian values from memory. Past the end it gives zeros and remembers.
+class Cursor {
+ public:
+  Cursor(const std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
+
+  template <typename T>
+  T take() {
+    T value{};
+    if (!has(sizeof(T))) return value;
+    std::memcpy(&value, bytes_.data() + at_, sizeof(T));
+    at_ += sizeof(T);
+    return value;
+  }
+  std::string take_string() {
+    const auto begin = bytes_.begin() + static_cast<std::ptrdiff_t>(at_);
+    const auto end = std::find(begin, bytes_.end(), std::uint8_t{0});
+    if (end == bytes_.end()) past_ = true;
+    const std::string text(begin, end);
+    at_ = std::min(bytes_.size(), at_ + text.size() + 1);
+    return text;
+  }
+  // Whether `count` items of at least `size` bytes can follow.
+  bool fits(std::uint64_t count, std::uint64_t size) {
+    if (count > (bytes_.size() - at_) / size) past_ = true;
+    return !past_;
+  }
+  void skip(std::uint64_t count, std::uint64_t size) {
+    if (fits(count, size)) at_ += count * size;
+  }
+  bool past() const { return past_; }
+  std::size_t at() const { return at_; }
+
+ private:
+  bool has(std::size_t size) {
+    if (size > bytes_.size() - at_) past_ = true;
+    return !past_;
+  }
+  const std::vector<std::uint8_t>& bytes_;
+  std::size_t at_ = 0;
+  bool past_ = false;
+};
+
+Status truncated(const std::string& path, const char* what, std::uint64_t index,
+                 std::uint64_t count, const Cursor& cursor) {
+  return invalid_file(
+      "{}: {} {} of {} does not fit the file (at byte {}): it is truncated or not "
+      "a COLMAP model",
+      path, what, index, count, cursor.at());
+}
+
+Status read_cameras_binary(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  Cursor cursor(bytes);
+  const auto count = cursor.take<std::uint64_t>();
+  if (!cursor.fits(count, 24)) return truncated(path, "camera", 0, count, cursor);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const auto id = cursor.take<std::uint32_t>();
+    const auto kind = cursor.take<std::uint32_t>();
+    if (!cursor.past() && kind >= kModels.size()) {
+      return unsupported("{}: camera {} has the unknown model number {}", path, id, kind);
+    }
+    ColmapCamera camera;
+    camera.width = cursor.take<std::uint64_t>();
+    camera.height = cursor.take<std::uint64_t>();
+    if (cursor.past()) return truncated(path, "camera", i, count, cursor);
+    camera.model = kModels[kind].name;
+    for (std::size_t p = 0; p < kModels[kind].params; ++p) {
+      camera.params.push_back(cursor.take<double>());
+    }
+    if (cursor.past()) return truncated(path, "camera", i, count, cursor);
+    model.cameras[id] = std::move(camera);
+  }
+  return {};
+}
+
+Status read_images_binary(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  Cursor cursor(bytes);
+  const auto count = cursor.take<std::uint64_t>();
+  if (!cursor.fits(count, 73)) return truncated(path, "image", 0, count, cursor);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    ColmapImage image;
+    cursor.take<std::uint32_t>();  // its number
+    for (double& v : image.rotation) v = cursor.take<double>();
+    for (double& v : image.translation) v = cursor.take<double>();
+    image.camera = cursor.take<std::uint32_t>();
+    image.name = cursor.take_string();
+    cursor.skip(cursor.take<std::uint64_t>(), 24);  // features
+    if (cursor.past()) return truncated(path, "image", i, count, cursor);
+    model.images.push_back(std::move(image));
+  }
+  return {};
+}
+
+Status read_points_binary(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  Cursor cursor(bytes);
+  const auto count = cursor.take<std::uint64_t>();
+  if (!cursor.fits(count, 51)) return truncated(path, "point", 0, count, cursor);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    InitialPoint point{};
+    point.frame = -1;
+    cursor.take<std::uint64_t>();  // its number
+    for (float& v : point.position) v = static_cast<float>(cursor.take<double>());
+    for (std::uint8_t& v : point.colour) v = cursor.take<std::uint8_t>();
+    cursor.take<double>();                         // reprojection error
+    cursor.skip(cursor.take<std::uint64_t>(), 8);  // track
+    if (cursor.past()) return truncated(path, "point", i, count, cursor);
+    model.points.push_back(point);
+  }
+  return {};
+}
+
+// The lines that are no comments, with their numbers. Empty lines stay: an image without features
+// has one.
+Result<std::vector<std::pair<int, std::string>>> text_lines(const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  std::istringstream stream(std::string(bytes.begin(), bytes.end()));
+  std::vector<std::pair<int, std::string>> lines;
+  std::string line;
+  for (int number = 1; std::getline(stream, line); ++number) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty() || line[0] != '#') lines.emplace_back(number, line);
+  }
+  return lines;
+}
+
+Status read_cameras_text(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(path));
+  for (const auto& [number, line] : lines) {
+    if (line.empty()) continue;
+    std::istringstream words(line);
+    std::uint32_t id = 0;
+    ColmapCamera camera;
+    words >> id >> camera.model >> camera.width >> camera.height;
+    for (double v; words >> v;) camera.params.push_back(v);
+    const ModelKind* kind = kind_of(camera.model);
+    if (kind == nullptr || camera.params.size() != kind->params) {
+      return invalid_file("{}:{}: is no camera (number, model, width, height, parameters)", path,
+                          number);
+    }
+    model.cameras[id] = std::move(camera);
+  }
+  return {};
+}
+
+Status read_images_text(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(path));
+  for (std::size_t i = 0; i < lines.size(); i += 2) {  // every second line lists features
+    std::istringstream words(lines[i].second);
+    ColmapImage image;
+    std::uint32_t id = 0;
+    words >> id;
+    for (double& v : image.rotation) words >> v;
+    for (double& v : image.translation) words >> v;
+    words >> image.camera >> std::ws;
+    if (!std::getline(words, image.name) || image.name.empty()) {
+      if (lines[i].second.empty() && i + 1 == lines.size()) break;
+      return invalid_file("{}:{}: is no image (number, quaternion, translation, camera, name)",
+                          path, lines[i].first);
+    }
+    model.images.push_back(std::move(image));
+  }
+  return {};
+}
+
+Status read_points_text(const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(path));
+  for (const auto& [number, line] : lines) {
+    if (line.empty()) continue;
+    std::istringstream words(line);
+    std::uint64_t id = 0;
+    InitialPoint point{};
+    point.frame = -1;
+    std::array<int, 3> colour{};
+    words >> id >> point.position[0] >> point.position[1] >> point.position[2];
+    for (int& v : colour) words >> v;
+    if (!words)
+      return invalid_file("{}:{}: is no point (number, x y z, red green blue)", path, number);
+    for (int c = 0; c < 3; ++c) {
+      point.colour[c] = static_cast<std::uint8_t>(std::clamp(colour[c], 0, 255));
+    }
+    model.points.push_back(point);
+  }
+  return {};
+}
+
+}  // namespace
+
+bool is_colmap_model(const std::string& folder) {
+  const auto has = [&](const char* name) { return fs::exists(folder + "/" + name); };
+  return (has("cameras.bin") && has("images.bin")) || (has("cameras.txt") && has("images.txt"));
+}
+
+Result<ColmapModel> read_colmap_model(const std::string& folder) {
+  ColmapModel model;
+  if (fs::exists(folder + "/cameras.bin")) {
+    STGS_TRY(read_cameras_binary(folder + "/cameras.bin", model));
+    STGS_TRY(read_images_binary(folder + "/images.bin", model));
+    const std::string points = folder + "/points3D.bin";
+    if (fs::exists(points)) STGS_TRY(read_points_binary(points, model));
+  } else {
+    STGS_TRY(read_cameras_text(folder + "/cameras.txt", model));
+    STGS_TRY(read_images_text(folder + "/images.txt", model));
+    const std::string points = folder + "/points3D.txt";
+    if (fs::exists(points)) STGS_TRY(read_points_text(points, model));
+  }
+  std::sort(
+      model.images.begin(), model.images.end(),
+      [](const ColmapImage& a, const ColmapImage& b) { return natural_less(a.name, b.name); });
+  return model;
+}
+
+}  // namespace stgs::encoder

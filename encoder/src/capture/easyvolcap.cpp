@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// EasyVolcap and EasyMocap (ENeRF-Outdoor, SelfCap): intri.yml and extri.yml as OpenCV writes them.
+// intri.yml: names, a list of cameras XX; K_XX; D_XX or dist_XX; H_XX and W_XX where stated.
+// extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
+// Frames are images/XX/ or videos/XX.*, masks are masks/XX/ or mask/XX/.
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr double kPixelCentre = 0;  // calibrated with OpenCV
+
+Result<cv::FileStorage> open_yaml(const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  try {
+    cv::FileStorage file(std::string(bytes.begin(), bytes.end()),
+                         cv::FileStorage::READ | cv::FileStorage::MEMORY);
+    if (file.isOpened()) return file;
+  } catch (const cv::Exception& error) {
+    return invalid_file("{}: is not YAML that OpenCV reads: {}", path, error.err);
+  }
+  return invalid_file("{}: is not YAML that OpenCV reads", path);
+}
+
+// The numbers of the first of `keys` that the file has; none if it has none of them.
+std::vector<double> numbers(const cv::FileStorage& file, const std::vector<std::string>& keys) {
+  for (const std::string& key : keys) {
+    const cv::FileNode node = file[key];
+    if (node.empty()) continue;
+    if (node.isReal() || node.isInt()) return {node.real()};
+    cv::Mat matrix;
+    node >> matrix;
+    matrix.convertTo(matrix, CV_64F);
+    return std::vector<double>(matrix.begin<double>(), matrix.end<double>());
+  }
+  return {};
+}
+
+Status set_extrinsics(const cv::FileStorage& extri, const std::string& where,
+                      SourceCamera& camera) {
+  std::vector<double> rotation = numbers(extri, {"Rot_" + camera.name});
+  if (rotation.empty()) rotation = numbers(extri, {"R_" + camera.name});
+  if (rotation.size() == 3) {
+    cv::Matx33d matrix;
+    cv::Rodrigues(cv::Vec3d(rotation.data()), matrix);
+    rotation.assign(matrix.val, matrix.val + 9);
+  }
+  const std::vector<double> t = numbers(extri, {"T_" + camera.name});
+  if (rotation.size() != 9 || t.size() != 3) {
+    return invalid_file("{}: needs Rot_{} (3x3) or R_{} (3), and T_{} (3)", where, camera.name,
+                        camera.name, camera.name);
+  }
+  std::copy(rotation.begin(), rotation.end(), camera.rotation);
+  std::copy(t.begin(), t.end(), camera.translation);
+  return {};
+}
+
+Result<SourceCamera> read_camera(const std::string& folder, const std::string& name,
+                                 const cv::FileStorage& intri, const cv::FileStorage& extri) {
+  SourceCamera camera;
+  camera.name = name;
+  const std::string where = folder + "/intri.yml: camera '" + name + "'";
+  STGS_TRY(set_intrinsics(numbers(intri, {"K_" + name}), kPixelCentre, where, camera));
+  STGS_TRY(set_distortion(numbers(intri, {"D_" + name, "dist_" + name}), false, where, camera));
+  const std::vector<double> height = numbers(intri, {"H_" + name});
+  const std::vector<double> width = numbers(intri, {"W_" + name});
+  if (height.size() == 1 && width.size() == 1 && height[0] > 0 && width[0] > 0) {
+    camera.height = static_cast<int>(height[0]);
+    camera.width = static_cast<int>(width[0]);
+  }
+  STGS_TRY(set_extrinsics(extri, folder + "/extri.yml: camera '" + name + "'", camera));
+  if (!find_frames(folder + "/images", name, camera) &&
+      !find_frames(folder + "/videos", name, camera)) {
+    return io_error("{}: camera '{}' has no frames; looked for images/{}/ and videos/{}.mp4",
+                    folder, name, name, name);
+  }
+  STGS_TRY(find_masks(folder + "/masks", name, camera));
+  if (camera.masks.empty()) STGS_TRY(find_masks(folder + "/mask", name, camera));
+  return camera;
+}
+
+}  // namespace
+
+Result<SourceCapture> load_easyvolcap(const std::string& folder) {
+  STGS_ASSIGN(const cv::FileStorage intri, open_yaml(folder + "/intri.yml"));
+  STGS_ASSIGN(const cv::FileStorage extri, open_yaml(folder + "/extri.yml"));
+  SourceCapture capture;
+  for (const cv::FileNode& node : intri["names"]) {
+    const std::string name = node.isString() ? node.string() : std::to_string(int(node.real()));
+    STGS_ASSIGN(SourceCamera camera, read_camera(folder, name, intri, extri));
+    capture.cameras.push_back(std::move(camera));
+  }
+  if (capture.cameras.empty()) return invalid_file("{}/intri.yml: 'names' lists no camera", folder);
+  return capture;
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+// nerfstudio: transforms.json with OpenGL camera-to-world matrices. Intrinsics stand at the top or
+// in an entry of "frames". How entries become standing cameras with many frames:
+//   - an entry whose file_path is a video is a camera, named as the file;
+//   - pictures with the same "camera" (or "camera_label") are one camera, of that name, and must
+//     have one pose; without labels, pictures with the same pose and intrinsics are one camera,
+//     named as their folder where no other camera's pictures are in it, else "cam00", "cam01", ...
+//   - a camera's pictures are ordered by "time" where each has it, else by name; cameras with times
+//     must have the same ones.
+// "fps" is taken where stated; cameras named by "test_filenames" are held out. "mask_path" marks
+// valid pixels there, not motion, and is not used.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <iterator>
+#include <map>
+#include <opencv2/core.hpp>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+struct Picture {
+  std::string path;
+  double time = 0;
+  bool timed = false;
+};
+
+struct Group {
+  SourceCamera camera;
+  std::string label;
+  std::vector<Picture> pictures;
+};
+
+// A number of the entry, else of the whole file.
+double number(const Json& entry, const Json& top, const char* key, double otherwise) {
+  if (entry.contains(key)) return entry.at(key).get<double>();
+  return top.value(key, otherwise);
+}
+
+Status set_lens(const Json& entry, const Json& top, const std::string& where,
+                SourceCamera& camera) {
+  const double nan = std::nan("");
+  const double width = number(entry, top, "w", 0), height = number(entry, top, "h", 0);
+  if (!(width >= 1 && height >= 1 && width <= 32768 && height <= 32768)) {
+    return invalid_file("{}: needs w and h", where);
+  }
+  double fx = number(entry, top, "fl_x", nan);
+  const double angle = number(entry, top, "camera_angle_x", nan);
+  if (std::isnan(fx) && angle > 0 && angle < 3.1415) fx = 0.5 * width / std::tan(0.5 * angle);
+  if (std::isnan(fx)) return invalid_file("{}: needs fl_x or camera_angle_x", where);
+  const double fy = number(entry, top, "fl_y", fx);
+  const double cx = number(entry, top, "cx", 0.5 * width);
+  const double cy = number(entry, top, "cy", 0.5 * height);
+  STGS_TRY(set_intrinsics({fx, 0, cx, 0, fy, cy, 0, 0, 1}, 0.5, where, camera));
+  camera.width = static_cast<int>(width);
+  camera.height = static_cast<int>(height);
+  const std::string model = entry.value("camera_model", top.value("camera_model", "OPENCV"));
+  const bool fisheye = model == "OPENCV_FISHEYE";
+  if (!fisheye && model != "OPENCV" && model != "PINHOLE" && model != "SIMPLE_PINHOLE") {
+    return unsupported("{}: the camera model {} is not supported", where, model);
+  }
+  const auto coefficient = [&](const char* key) { return number(entry, top, key, 0); };
+  if (model == "PINHOLE" || model == "SIMPLE_PINHOLE") return {};
+  if (fisheye) {
+    return set_distortion(
+        {coefficient("k1"), coefficient("k2"), coefficient("k3"), coefficient("k4")}, true, where,
+        camera);
+  }
+  return set_distortion({coefficient("k1"), coefficient("k2"), coefficient("p1"), coefficient("p2"),
+                         coefficient("k3")},
+                        false, where, camera);
+}
+
+Result<SourceCamera> read_camera(const Json& entry, const Json& top, const std::string& where) {
+  SourceCamera camera;
+  STGS_TRY(set_lens(entry, top, where, camera));
+  STGS_ASSIGN(std::vector<double> c2w,
+              json_numbers(entry.at("transform_matrix"), where + ": transform_matrix"));
+  if (c2w.size() != 12 && c2w.size() != 16) {
+    return invalid_file("{}: transform_matrix has {} numbers, not 4x4", where, c2w.size());
+  }
+  for (int row = 0; row < 3; ++row) {  // OpenGL's y goes up and its z backward
+    c2w[4 * row + 1] = -c2w[4 * row + 1];
+    c2w[4 * row + 2] = -c2w[4 * row + 2];
+  }
+  STGS_TRY(set_pose_from_camera_to_world(c2w, where, camera));
+  return camera;
+}
+
+bool near(double a, double b) {
+  return std::abs(a - b) <= 1e-6 * (1 + std::abs(a));
+}
+
+bool same_camera(const SourceCamera& a, const SourceCamera& b) {
+  return near(a.fx, b.fx) && near(a.fy, b.fy) && near(a.cx, b.cx) && near(a.cy, b.cy) &&
+         a.distortion == b.distortion && std::equal(a.rotation, a.rotation + 9, b.rotation, near) &&
+         std::equal(a.translation, a.translation + 3, b.translation, near);
+}
+
+std::string label_of(const Json& entry) {
+  for (const char* key : {"camera", "camera_label"}) {
+    if (!entry.contains(key)) continue;
+    return entry.at(key).is_string() ? entry.at(key).get<std::string>() : entry.at(key).dump();
+  }
+  return "";
+}
+
+Status add_entry(const Json& entry, const Json& top, const std::string& folder,
+                 std::vector<Group>& groups) {
+  const std::string file = entry.at("file_path").get<std::string>();
+  const std::string where = fmt::format("{}/transforms.json: frame '{}'", folder, file);
+  STGS_ASSIGN(SourceCamera camera, read_camera(entry, top, where));
+  const std::string path = (fs::path(folder) / file).lexically_normal().string();
+  if (is_video(path)) {
+    camera.video = path;
+    groups.push_back({camera, stem_of(path), {}});
+    return {};
+  }
+  const std::string label = label_of(entry);
+  auto group = std::find_if(groups.begin(), groups.end(), [&](const Group& g) {
+    return g.camera.video.empty() && g.label == label &&
+           (!label.empty() || same_camera(g.camera, camera));
+  });
+  if (group == groups.end()) {
+    groups.push_back({camera, label, {}});
+    group = std::prev(groups.end());
+  }
+  if (!same_camera(group->camera, camera)) {
+    return unsupported(
+        "{}: camera '{}' moves or zooms; only cameras that stand still can be "
+        "prepared",
+        where, label);
+  }
+  Picture picture{path, 0, entry.contains("time")};
+  if (picture.timed) picture.time = entry.at("time").get<double>();
+  group->pictures.push_back(picture);
+  return {};
+}
+
+void name_groups(std::vector<Group>& groups) {
+  std::map<std::string, int> folders;
+  const auto folder_of = [](const Group& group) {
+    const fs::path first = fs::path(group.pictures.front().path).parent_path();
+    for (const Picture& picture : group.pictures) {
+      if (fs::path(picture.path).parent_path() != first) return std::string();
+    }
+    return first.filename().string();
+  };
+  for (const Group& group : groups) {
+    if (!group.pictures.empty()) ++folders[folder_of(group)];
+  }
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    Group& group = groups[i];
+    group.camera.name = group.label;
+    if (!group.label.empty()) continue;
+    const std::string folder = folder_of(group);
+    group.camera.name =
+        !folder.empty() && folders[folder] == 1 ? folder : fmt::format("cam{:02}", i);
+  }
+}
+
+// Orders the pictures; the error says which camera's times are not the first one's.
+Status order_pictures(const std::string& folder, std::vector<Group>& groups) {
+  const Group* first = nullptr;
+  for (Group& group : groups) {
+    const bool timed = std::all_of(group.pictures.begin(), group.pictures.end(),
+                                   [](const Picture& p) { return p.timed; });
+    std::sort(group.pictures.begin(), group.pictures.end(),
+              [&](const Picture& a, const Picture& b) {
+                return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
+              });
+    for (const Picture& picture : group.pictures) group.camera.pictures.push_back(picture.path);
+    if (!timed || group.pictures.empty()) continue;
+    if (first == nullptr) first = &group;
+    const std::size_t common = std::min(first->pictures.size(), group.pictures.size());
+    for (std::size_t i = 0; i < common; ++i) {
+      if (near(first->pictures[i].time, group.pictures[i].time)) continue;
+      return invalid_file(
+          "{}: camera '{}' has its frame {} ({}) at time {}, but camera '{}' at "
+          "time {}: the capture is not synchronised, or filmed with a moving camera",
+          folder, group.camera.name, i, group.pictures[i].path, group.pictures[i].time,
+          first->camera.name, first->pictures[i].time);
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& log) {
+  const std::string path = folder + "/transforms.json";
+  STGS_ASSIGN(const Json top, read_json(path));
+  try {
+    std::vector<Group> groups;
+    bool masks = false;
+    for (const Json& entry : top.at("frames")) {
+      STGS_TRY(add_entry(entry, top, folder, groups));
+      masks |= entry.contains("mask_path");
+    }
+    if (masks) log(1, path + ": mask_path marks valid pixels, not motion, and is not used");
+    name_groups(groups);
+    STGS_TRY(order_pictures(folder, groups));
+    SourceCapture capture;
+    capture.fps = top.value("fps", 0.0);
+    for (Group& group : groups) capture.cameras.push_back(std::move(group.camera));
+    capture.split_known = top.contains("test_filenames");
+    for (const Json& name : top.value("test_filenames", Json::array())) {
+      const std::string file = (fs::path(folder) / name.get<std::string>()).lexically_normal();
+      for (SourceCamera& camera : capture.cameras) {
+        camera.test |= camera.video == file ||
+                       std::count(camera.pictures.begin(), camera.pictures.end(), file) > 0;
+      }
+    }
+    return capture;
+  } catch (const Json::exception& error) {
+    return invalid_file("{}: {}", path, error.what());
+  }
+}
+
+}  // namespace stgs::encoder

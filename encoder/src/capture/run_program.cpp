@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run_program.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+namespace stgs::encoder {
+namespace {
+
+constexpr int kLinesShown = 8;
+
+std::string last_lines(const std::string& path) {
+  std::ifstream file(path);
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(file, line);) {
+    if (line.empty()) continue;
+    lines.push_back(line);
+    if (lines.size() > kLinesShown) lines.erase(lines.begin());
+  }
+  std::string text;
+  for (const std::string& line : lines) text += "\n  " + line;
+  return text;
+}
+
+}  // namespace
+
+Status run_program(const std::vector<std::string>& arguments, const std::string& log_path,
+                   const std::string& stage, double done, const ProgressSink& progress) {
+  std::vector<char*> argv;
+  for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
+  argv.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, 1, log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC,
+                                   0666);
+  posix_spawn_file_actions_adddup2(&actions, 1, 2);
+  pid_t child = 0;
+  const int wrong = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (wrong == ENOENT) {
+    return not_built("{}: is not installed (apt-get install {}), and is needed here", arguments[0],
+                     arguments[0]);
+  }
+  if (wrong != 0) return runtime_error("{}: cannot run: {}", arguments[0], std::strerror(wrong));
+  const std::string detail = arguments[0] + (arguments.size() > 1 ? " " + arguments[1] : "");
+  bool cancelled = false;
+  int result = 0;
+  while (::waitpid(child, &result, WNOHANG) == 0) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    if (cancelled || !progress || progress({stage, done, -1, detail})) continue;
+    cancelled = true;
+    ::kill(child, SIGTERM);
+  }
+  if (cancelled) return runtime_error("{}: cancelled", stage);
+  if (WIFEXITED(result) && WEXITSTATUS(result) == 0) return {};
+  return runtime_error("{}: failed ({} {}); its last lines were:{}", detail,
+                       WIFEXITED(result) ? "exit code" : "signal",
+                       WIFEXITED(result) ? WEXITSTATUS(result) : WTERMSIG(result),
+                       last_lines(log_path));
+}
+
+}  // namespace stgs::encoder

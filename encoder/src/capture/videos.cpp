@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+// Videos: one file (or folder of pictures) a camera, in videos/, images/ or the folder itself.
+// Calibration is in cameras.json beside them; without it, COLMAP calibrates from one frame each.
+//
+// cameras.json holds a list of cameras, an object from names to cameras, or either of these under
+// "cameras" of an object that may also say "pixel_centre", "fps" and "metric" for all. A camera:
+//   "name"          of its video or folder; not needed where the object's key is the name
+//   "K"             3x3, pixels
+//   "w2c"           3x4 or 4x4, world to camera, OpenCV axes (x right, y down, z forward)
+//   "dist"          optional, OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6]]; fisheye: k1 k2 k3 k4
+//   "fisheye"       optional, true: "dist" is of OpenCV's fisheye model
+//   "width","height"  optional: the size K is for, if it is not the video's
+//   "pixel_centre"  optional: where K puts the centre of the first pixel, 0.5 (the default) or 0
+//                   (what OpenCV's calibration gives)
+//   "test"          optional, true: held out
+// Other keys are ignored. Masks may be in masks/NAME/.
+#include <algorithm>
+#include <filesystem>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Json = nlohmann::json;
+
+Result<SourceCamera> read_camera(const Json& json, const std::string& name, double pixel_centre,
+                                 const std::string& path) {
+  SourceCamera camera;
+  camera.name = json.value("name", name);
+  const std::string where = path + ": camera '" + camera.name + "'";
+  for (const char* key : {"K", "w2c"}) {
+    if (!json.contains(key)) return invalid_file("{}: has no \"{}\"", where, key);
+  }
+  pixel_centre = json.value("pixel_centre", pixel_centre);
+  if (pixel_centre != 0 && pixel_centre != 0.5) {
+    return invalid_file("{}: pixel_centre is {}, but must be 0 or 0.5", where, pixel_centre);
+  }
+  STGS_ASSIGN(const std::vector<double> k, json_numbers(json.at("K"), where + ": K"));
+  STGS_TRY(set_intrinsics(k, pixel_centre, where, camera));
+  STGS_ASSIGN(const std::vector<double> w2c, json_numbers(json.at("w2c"), where + ": w2c"));
+  STGS_TRY(set_pose(w2c, where, camera));
+  STGS_ASSIGN(const std::vector<double> dist,
+              json_numbers(json.value("dist", Json::array()), where + ": dist"));
+  const bool fisheye = json.value("fisheye", false);
+  if (fisheye || !dist.empty()) STGS_TRY(set_distortion(dist, fisheye, where, camera));
+  camera.width = json.value("width", 0);
+  camera.height = json.value("height", 0);
+  if ((camera.width == 0) != (camera.height == 0) || camera.width < 0 || camera.height < 0) {
+    return invalid_file("{}: needs both width and height, or none", where);
+  }
+  camera.test = json.value("test", false);
+  return camera;
+}
+
+Status read_cameras(const std::string& path, SourceCapture& capture) {
+  STGS_ASSIGN(const Json top, read_json(path));
+  try {
+    const bool wrapped = top.is_object() && top.contains("cameras");
+    const Json& cameras = wrapped ? top.at("cameras") : top;
+    if (!cameras.is_array() && !cameras.is_object()) {
+      return invalid_file("{}: holds neither a list of cameras nor an object of them", path);
+    }
+    const double pixel_centre = wrapped ? top.value("pixel_centre", 0.5) : 0.5;
+    if (wrapped) {
+      capture.fps = top.value("fps", 0.0);
+      capture.metric = top.value("metric", false);
+    }
+    for (const auto& [key, json] : cameras.items()) {
+      const std::string name = cameras.is_object() ? key : "camera " + key;
+      if (!json.is_object()) return invalid_file("{}: '{}' is not a camera", path, name);
+      if (cameras.is_array() && !json.contains("name")) {
+        return invalid_file("{}: {} of the list has no \"name\"", path, name);
+      }
+      STGS_ASSIGN(SourceCamera camera, read_camera(json, name, pixel_centre, path));
+      capture.split_known |= json.contains("test");
+      capture.cameras.push_back(std::move(camera));
+    }
+  } catch (const Json::exception& error) {
+    return invalid_file("{}: {}", path, error.what());
+  }
+  return {};
+}
+
+Status take_frames(const std::string& folder, const std::vector<SourceCamera>& found,
+                   SourceCapture& capture, const LogSink& log) {
+  for (SourceCamera& camera : capture.cameras) {
+    const auto it = std::find_if(found.begin(), found.end(), [&](const SourceCamera& other) {
+      return other.name == camera.name;
+    });
+    if (it == found.end()) {
+      return io_error(
+          "{}: camera '{}' of cameras.json has no frames; looked for a video or a "
+          "folder of pictures of that name in videos/, images/ and the folder itself",
+          folder, camera.name);
+    }
+    camera.video = it->video;
+    camera.pictures = it->pictures;
+  }
+  for (const SourceCamera& other : found) {
+    const bool known = std::any_of(capture.cameras.begin(), capture.cameras.end(),
+                                   [&](const SourceCamera& c) { return c.name == other.name; });
+    if (!known) log(1, folder + ": '" + other.name + "' is not in cameras.json and is left out");
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
+                                  const ProgressSink& progress, const LogSink& log) {
+  SourceCapture capture;
+  capture.folder = folder;
+  std::vector<SourceCamera> found = find_cameras(folder);
+  if (std::filesystem::exists(folder + "/cameras.json")) {
+    STGS_TRY(read_cameras(folder + "/cameras.json", capture));
+    STGS_TRY(take_frames(folder, found, capture, log));
+  } else {
+    if (found.size() < 2) {
+      return io_error(
+          "{}: has {} videos or folders of pictures; calibration needs at least two, or "
+          "a cameras.json",
+          folder, found.size());
+    }
+    capture.cameras = std::move(found);
+    STGS_TRY(calibrate(first_frame, capture, progress, log));
+  }
+  for (SourceCamera& camera : capture.cameras) {
+    STGS_TRY(find_masks(folder + "/masks", camera.name, camera));
+  }
+  return capture;
+}
+
+}  // namespace stgs::encoder
