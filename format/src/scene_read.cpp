@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "segment.h"
+#include "values.h"
 
 namespace stgs {
 namespace {
@@ -71,9 +72,10 @@ class Reader final : public SceneReader {
       std::vector<LocatedStream> streams;
       std::vector<std::uint8_t> record;
       Gaussians4D set;
-      if (read_segment(*source_, head_, segment, streams, record, findings) && findings.ok()) {
-        decode_streams(streams, segment, segments_[segment].primitives, head_.metadata, set,
-                       findings);
+      if (read_segment(*source_, head_, segment, streams, record, findings) && findings.ok() &&
+          decode_streams(streams, segment, segments_[segment].primitives, head_.metadata, set,
+                         findings)) {
+        check_primitives(set, segment, segments_[segment].offset, findings);
       }
       if (!findings.ok()) return findings.status(source_->name());
       return set;

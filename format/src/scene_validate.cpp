@@ -5,6 +5,7 @@
 
 #include "segment.h"
 #include "segmenter.h"
+#include "values.h"
 
 namespace stgs {
 namespace {
@@ -12,62 +13,13 @@ namespace {
 using N = IssueNumber;
 constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
 
-// One finding an attribute and segment: the first primitive, and how many more.
-void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
-                  Findings& findings) {
-  for (Attribute attribute : attributes_of(set.sh_degree)) {
-    const AttributeView<const float> view = view_of(set, attribute);
-    const auto components = static_cast<std::size_t>(components_of(attribute));
-    std::size_t bad = 0, first = 0;
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      bool finite = true;
-      for (std::size_t c = 0; c < components; ++c) {
-        finite &= std::isfinite(view.data[i * view.stride + c]);
-      }
-      if (!finite && bad++ == 0) first = i;
-    }
-    if (bad > 0) {
-      findings.error(N::kNotFinite, offset,
-                     "segment {}, {}: {} primitives are not finite, the first is {}", segment,
-                     name_of(attribute), bad, first);
-    }
-  }
-}
-
-// Counts what `wrong(i)` answers and reports it once.
-template <typename Wrong>
-void check_each(std::size_t n, N number, bool error, std::uint32_t segment, std::uint64_t offset,
-                const char* what, Findings& findings, Wrong wrong) {
-  std::size_t bad = 0, first = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (wrong(i) && bad++ == 0) first = i;
-  }
-  if (bad == 0) return;
-  if (error) {
-    findings.error(number, offset, "segment {}: {} primitives {}, the first is {}", segment, bad,
-                   what, first);
-  } else {
-    findings.warning(number, offset, "segment {}: {} primitives {}, the first is {}", segment, bad,
-                     what, first);
-  }
-}
-
 void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
                   Findings& findings) {
   const IndexEntry& entry = head.index.entries[segment];
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.offset;
   const std::size_t n = set.size();
-  check_finite(set, segment, at, findings);
-  check_each(n, N::kSigma, true, segment, at, "have sigma <= 0", findings,
-             [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
-  check_each(n, N::kRadius, true, segment, at, "have a radius < 0", findings,
-             [&](std::size_t i) { return set.radius[i] < 0.0f; });
-  check_each(n, N::kRotation, true, segment, at, "have a quaternion of length 0", findings,
-             [&](std::size_t i) {
-               const float* q = set.rotation.data() + 4 * i;
-               return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
-             });
+  check_primitives(set, segment, at, findings);
   const Interval interval =
       interval_of(entry.level, entry.slot, head.index.chunk_ticks, scene.frames);
   check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,

@@ -254,6 +254,37 @@ TEST_CASE("values that break the representation are found by the validator") {
   REQUIRE(at < whole.size());
 }
 
+TEST_CASE("values that cannot be drawn are refused though every checksum is right") {
+  // One primitive: all its streams are stored, in the order of their rows.
+  auto scene = random_scene(1, 0, 30, 21);
+  scene.gaussians.opacity_logit[0] = 3.0f;
+  auto encoded = encode_scene(scene, {});
+  REQUIRE(encoded.ok());
+  const Bytes whole = *encoded;
+  const std::size_t at = body_at(whole), rows = at + kRecord + 16;
+  const auto broken = [&](std::size_t attribute, float value) {
+    Bytes bytes = whole;
+    std::size_t stream = rows + 9 * 37;
+    for (std::size_t i = 0; i < attribute; ++i)
+      stream += get<std::uint64_t>(bytes, rows + 37 * i + 9);
+    const std::size_t row = rows + 37 * attribute;
+    const auto size = get<std::uint64_t>(bytes, row + 9);
+    REQUIRE(size % 4 == 0);
+    // The planes of the first component: one byte each.
+    for (std::size_t c = 0; c < size; c += 4) put<float>(bytes, stream + c, value);
+    put<std::uint64_t>(bytes, row + 17, XXH3_64bits(bytes.data() + stream, size));
+    seal_record(bytes, at);
+    CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
+    return numbers_of(issues_of(bytes));
+  };
+  CHECK(broken(0, NAN).count(500) == 1);
+  CHECK(broken(5, INFINITY).count(500) == 1);
+  CHECK(broken(2, 0.0f).count(501) == 1);
+  CHECK(broken(2, -1.0f).count(501) == 1);
+  CHECK(broken(3, -1.0f).count(502) == 1);
+  CHECK(broken(6, 0.0f).count(503) == 1);
+}
+
 TEST_CASE("unknown records are skipped unless they are critical") {
   const Bytes whole = small_file(Profile::kLossless);
   for (std::uint32_t critical : {0u, 1u}) {

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "values.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+bool all_finite(const std::vector<float>& values) {
+  std::uint32_t bad = 0;
+  for (float v : values) {
+    bad |= (std::bit_cast<std::uint32_t>(v) & 0x7F800000u) == 0x7F800000u ? 1u : 0u;
+  }
+  return bad == 0;
+}
+
+// One finding an attribute and segment: the first primitive, and how many more.
+void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
+                  Findings& findings) {
+  for (Attribute attribute : attributes_of(set.sh_degree)) {
+    const AttributeView<const float> view = view_of(set, attribute);
+    const auto components = static_cast<std::size_t>(components_of(attribute));
+    std::size_t bad = 0, first = 0;
+    for (std::size_t i = 0; i < set.size(); ++i) {
+      bool finite = true;
+      for (std::size_t c = 0; c < components; ++c) {
+        finite &= std::isfinite(view.data[i * view.stride + c]);
+      }
+      if (!finite && bad++ == 0) first = i;
+    }
+    if (bad > 0) {
+      findings.error(N::kNotFinite, offset,
+                     "segment {}, {}: {} primitives are not finite, the first is {}", segment,
+                     name_of(attribute), bad, first);
+    }
+  }
+}
+
+}  // namespace
+
+void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
+                      Findings& findings) {
+  const std::size_t n = set.size();
+  const std::vector<float>* arrays[] = {&set.position,      &set.log_scale, &set.rotation,
+                                        &set.opacity_logit, &set.sh,        &set.time,
+                                        &set.velocity,      &set.sigma,     &set.radius};
+  if (!std::all_of(std::begin(arrays), std::end(arrays),
+                   [](const auto* array) { return all_finite(*array); })) {
+    check_finite(set, segment, offset, findings);
+  }
+  check_each(n, N::kSigma, true, segment, offset, "have sigma <= 0", findings,
+             [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
+  check_each(n, N::kRadius, true, segment, offset, "have a radius < 0", findings,
+             [&](std::size_t i) { return set.radius[i] < 0.0f; });
+  check_each(n, N::kRotation, true, segment, offset, "have a quaternion of length 0", findings,
+             [&](std::size_t i) {
+               const float* q = set.rotation.data() + 4 * i;
+               return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
+             });
+}
+
+}  // namespace stgs
