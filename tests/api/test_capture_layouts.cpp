@@ -313,6 +313,17 @@ TEST_CASE("videos: cameras.json in each of its forms") {
   }
 }
 
+TEST_CASE("videos: cameras that COLMAP cannot place are named") {
+  const Folder folder;
+  for (int i = 0; i < 2; ++i) write_video(folder / fmt::format("plain{}.mp4", i), i, 1);
+  const Status status = load(folder.path).status();
+  if (status.code() == StatusCode::kNotBuilt) {
+    CHECK(says(status, {"colmap", "not installed"}));  // on machines without it
+    return;
+  }
+  CHECK(says(status, {folder.path, "'plain0', 'plain1'", "cameras.json"}));
+}
+
 TEST_CASE("an unknown folder: the error lists what was looked for") {
   const Folder folder;
   const Status status = load(folder.path).status();

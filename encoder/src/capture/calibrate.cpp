@@ -51,7 +51,9 @@ Status write_first_frame(const SourceCamera& camera, int frame, const std::strin
   return {};
 }
 
-Status run_colmap(const std::string& folder, const ProgressSink& progress) {
+// Leaves the reconstructions in sparse/; none at all where the pictures have too little in common,
+// which COLMAP 3.8 takes for a failure of the mapper.
+Status run_colmap(const std::string& folder, const ProgressSink& progress, const LogSink& log) {
   const std::string database = folder + "/database.db", images = folder + "/images";
   const std::vector<std::vector<std::string>> commands = {
       {"colmap", "feature_extractor", "--database_path", database, "--image_path", images,
@@ -62,7 +64,11 @@ Status run_colmap(const std::string& folder, const ProgressSink& progress) {
        folder + "/sparse"}};
   double done = 0;
   for (const std::vector<std::string>& command : commands) {
-    STGS_TRY(run_program(command, folder + "/log.txt", "calibrate", done, progress));
+    int exit_code = 0;
+    const Status status =
+        run_program(command, folder + "/log.txt", "calibrate", done, progress, &exit_code);
+    if (!status.ok() && (command[1] != "mapper" || exit_code <= 0)) return status;
+    if (!status.ok()) log(1, status.message());
     done += 1.0 / static_cast<double>(commands.size());
   }
   return {};
@@ -88,7 +94,7 @@ Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress
   for (const SourceCamera& camera : capture.cameras) {
     STGS_TRY(write_first_frame(camera, frame, folder.path));
   }
-  STGS_TRY(run_colmap(folder.path, progress));
+  STGS_TRY(run_colmap(folder.path, progress, log));
   STGS_ASSIGN(ColmapModel model, best_model(folder.path));
   SourceCapture placed;
   STGS_TRY(cameras_from_colmap(model, capture.folder, placed, nullptr));

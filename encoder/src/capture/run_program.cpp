@@ -35,7 +35,9 @@ std::string last_lines(const std::string& path) {
 }  // namespace
 
 Status run_program(const std::vector<std::string>& arguments, const std::string& log_path,
-                   const std::string& stage, double done, const ProgressSink& progress) {
+                   const std::string& stage, double done, const ProgressSink& progress,
+                   int* exit_code) {
+  if (exit_code != nullptr) *exit_code = -1;
   std::vector<char*> argv;
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
@@ -63,6 +65,7 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
     ::kill(child, SIGTERM);
   }
   if (cancelled) return runtime_error("{}: cancelled", stage);
+  if (exit_code != nullptr && WIFEXITED(result)) *exit_code = WEXITSTATUS(result);
   if (WIFEXITED(result) && WEXITSTATUS(result) == 0) return {};
   return runtime_error("{}: failed ({} {}); its last lines were:{}", detail,
                        WIFEXITED(result) ? "exit code" : "signal",
