@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Every shell command of README.md works, or at least names verbs and options that exist.
+
+usage: test_readme.py README STGS SAMPLE
+
+The ```sh blocks are run from top to bottom in one empty folder in which capture/ is the sample
+capture; training is cut short. A block right after a line `<!-- not run: WHY -->` is only read: each
+`stgs` command in it must name a verb, and options that the verb's --help lists.
+"""
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+
+BLOCK = re.compile(r"(<!-- not run: .+? -->\n+)?```sh\n(.*?)```", re.DOTALL)
+# Enough to see that a command works, not to see its result.
+CUT_SHORT = {
+    "prepare": ["--scale", "0.25", "--frames", "0:6"],
+    "train": ["--iterations", "20"],
+    "encode": ["--scale", "0.25", "--frames", "0:6", "--iterations", "20"],
+}
+
+
+def commands(block):
+    """The block's commands, continuation lines joined, comments left out."""
+    for line in block.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words:
+            yield words
+
+
+def options_of(stgs, verb, known={}):
+    if verb not in known:
+        shown = subprocess.run([stgs, verb, "--help"], capture_output=True, text=True, check=False)
+        known[verb] = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", shown.stdout)) \
+            if shown.returncode == 0 else None
+    return known[verb]
+
+
+def check_words(stgs, words):
+    known = options_of(stgs, words[1])
+    if known is None:
+        return [f"no verb '{words[1]}'"]
+    given = [word.split("=")[0] for word in words[2:] if re.match(r"--?[a-z]", word)]
+    return [f"'{words[1]}' has no option {option}" for option in given if option not in known]
+
+
+def run_words(stgs, words, folder):
+    verb = words[1]
+    command = [stgs, *words[1:]]
+    cut = CUT_SHORT.get(verb, [])
+    for option, value in zip(cut[::2], cut[1::2]):
+        if option not in command:
+            command += [option, value]
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        return [f"exit code {result.returncode}: {result.stderr.strip()}"]
+    return []
+
+
+def main():
+    readme, stgs, sample = (os.path.abspath(path) for path in sys.argv[1:])
+    with open(readme, encoding="utf-8") as file:
+        text = file.read()
+    problems, ran, read = [], 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        os.symlink(sample, os.path.join(folder, "capture"))
+        for match in BLOCK.finditer(text):
+            for words in commands(match.group(2)):
+                is_stgs = words[0] == "stgs" and len(words) > 1
+                found = check_words(stgs, words) if is_stgs else []
+                if match.group(1):
+                    read += 1
+                elif not is_stgs:
+                    found = ["runs nothing of stgs: mark its block as not run, and say why"]
+                elif not found:
+                    ran += 1
+                    found = run_words(stgs, words, folder)
+                problems += [f"{shlex.join(words)}\n    {problem}" for problem in found]
+    print("\n".join(problems))
+    print(f"{ran} commands run, {read} read, {len(problems)} problems")
+    sys.exit(1 if problems or ran == 0 else 0)
+
+
+if __name__ == "__main__":
+    main()
