@@ -20,3 +20,15 @@ function(stgs_module name)
   set_target_properties(stgs_${name} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   stgs_compile_options(stgs_${name})
 endfunction()
+
+# With STGS_BUNDLE_RUNTIME, copies the shared libraries that a program needs to lib/ beside it, where
+# every program of the build looks first, so that bin/ can be copied to another machine.
+function(stgs_bundle_runtime program)
+  if(STGS_BUNDLE_RUNTIME)
+    add_custom_command(TARGET ${program} POST_BUILD
+      COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${program}>
+              -DFOLDER=$<TARGET_FILE_DIR:${program}>/lib
+              -P ${PROJECT_SOURCE_DIR}/cmake/bundle_runtime.cmake
+      COMMENT "Collecting what ${program} needs at run time" VERBATIM)
+  endif()
+endfunction()

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+# Run as a script: cmake -DPROGRAM=FILE -DFOLDER=DIR -P bundle_runtime.cmake
+# Copies the shared libraries that PROGRAM needs into FOLDER, except those that every Linux machine
+# has (glibc, the C++ runtime) and those that belong to a driver.
+file(GET_RUNTIME_DEPENDENCIES
+  EXECUTABLES ${PROGRAM}
+  RESOLVED_DEPENDENCIES_VAR found
+  UNRESOLVED_DEPENDENCIES_VAR missing
+  PRE_EXCLUDE_REGEXES "^ld-linux" "^lib(c|m|dl|rt|pthread|stdc\\+\\+|gcc_s)\\.so" "^libcuda\\.so" "^libnvidia")
+if(missing)
+  message(FATAL_ERROR "${PROGRAM} needs libraries that are not here: ${missing}")
+endif()
+foreach(library IN LISTS found)
+  get_filename_component(name ${library} NAME)
+  # Already the copy, on a second run.
+  if(NOT library STREQUAL "${FOLDER}/${name}")
+    file(COPY ${library} DESTINATION ${FOLDER} FOLLOW_SYMLINK_CHAIN)
+  endif()
+endforeach()
