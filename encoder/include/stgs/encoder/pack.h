@@ -21,8 +21,8 @@ struct PackReport {
   double bytes_per_primitive = 0;
   // Largest and root-mean-square errors of what was written, measured by decoding it.
   double position_max = 0, position_rms = 0;  // scene units
-  double colour_rms = 0;   // of the degree-0 colour, sRGB-encoded, 0..1
-  double opacity_max = 0;  // 0..1
+  double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
+  double opacity_max = 0;                     // 0..1
 };
 
 // Reads a scene, writes it quantised (atomically), decodes the result and reports its errors;

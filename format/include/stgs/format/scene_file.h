@@ -103,8 +103,8 @@ struct WriteSettings {
   int zstd_level = 9;          // 1..19
 };
 
-// The bytes of a whole file. `order`, where given, receives for each primitive of the file its index
-// in `scene`. The quantised profile leaves out what is never visible within the clip.
+// The bytes of a whole file. `order`, where given, receives for each primitive of the file its
+// index in `scene`. The quantised profile leaves out what is never visible within the clip.
 Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
                                                std::vector<std::uint32_t>* order = nullptr);
 // encode_scene, then write_file_atomically.
