@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 
 #include "init/bounds.h"
+#include "init/colmap_points.h"
 #include "init/dynamic_points.h"
 #include "init/motion.h"
 #include "init/report.h"
@@ -18,6 +20,8 @@ namespace {
 using namespace init;
 
 constexpr int kMotionLongest = 640;  // pixels of the longer side that motion is found at
+constexpr int kColmapViews = 12;     // more add little and cost their square
+constexpr int kColmapSeconds = 120;  // a step of COLMAP
 constexpr int kMeasuredFrames = 6;   // frames on which the two kinds of velocity are compared
 
 // Everything that the stages hand on to each other.
@@ -32,6 +36,7 @@ struct State {
   std::vector<Velocities> velocities;
   std::string velocity_kind = "none";
   std::vector<InitialPoint> static_points, dynamic_points;
+  std::future<Result<std::vector<SurfacePoint>>> features;  // last: it waits for its thread
 };
 
 int static_limit(const State& state) {
@@ -120,9 +125,53 @@ Result<std::vector<SurfacePoint>> given_points(State& state) {
   return points;
 }
 
+// Starts the triangulation of frame 0's features, which runs beside the stages that follow.
+// COLMAP only sharpens the start: without it the log says so.
+void start_features(State& state) {
+  if (!state.settings.use_colmap || state.views.size() < 2) return;
+  if (!colmap_installed()) {
+    state.work.log("features: COLMAP is not installed, so there are no triangulated features", 1);
+    return;
+  }
+  state.features = std::async(std::launch::async, [&state] {
+    Result<std::vector<SurfacePoint>> points{std::vector<SurfacePoint>{}};
+    const Status status = guarded("colmap", [&]() -> Status {
+      STGS_ASSIGN(points, colmap_points(state.capture, kColmapViews, state.settings.separate_motion,
+                                        kColmapSeconds));
+      return {};
+    });
+    return status.ok() ? points : Result<std::vector<SurfacePoint>>{status};
+  });
+}
+
+std::vector<SurfacePoint> feature_points(State& state) {
+  if (!state.features.valid()) return {};
+  state.work.stage("features");
+  const auto found = state.features.get();
+  if (!found.ok()) {
+    state.work.log(fmt::format("features: none, {}", found.status().message()), 1);
+    return {};
+  }
+  // What lies outside the measured depths in every view is a mismatch.
+  std::vector<SurfacePoint> kept;
+  for (const SurfacePoint& point : *found) {
+    const bool plausible =
+        std::any_of(state.views.begin(), state.views.end(), [&](const View& view) {
+          const Pixel p = project(view, point.position);
+          return p.inside && p.depth > state.scene.range.nearest &&
+                 p.depth < state.scene.range.farthest;
+        });
+    if (plausible) kept.push_back(point);
+  }
+  state.work.log(fmt::format("features: {} points triangulated by COLMAP", kept.size()));
+  return kept;
+}
+
 Status choose_static(State& state) {
+  std::vector<SurfacePoint> sparse = feature_points(state);
   state.work.stage("static points");
-  STGS_ASSIGN(const std::vector<SurfacePoint> sparse, given_points(state));
+  STGS_ASSIGN(const std::vector<SurfacePoint> given, given_points(state));
+  sparse.insert(sparse.end(), given.begin(), given.end());
   choose_static_points(sparse, static_limit(state), &state.scene);
   state.work.log(fmt::format(
       "static points: {} ({} given or from features, {} from depth, {} "
@@ -293,12 +342,13 @@ Status run(State& state) {
                        state.capture.folder);
   }
   STGS_TRY(find_all_motion(state));
+  start_features(state);
   STGS_TRY(find_static(state));
-  STGS_TRY(choose_static(state));
   if (state.settings.separate_motion) {
     STGS_TRY(find_dynamic(state));
     STGS_TRY(find_velocities(state));
   }
+  STGS_TRY(choose_static(state));
   collect_points(state);
   const std::string& folder = state.capture.folder;
   STGS_TRY(write_points(folder + "/points_static.ply", state.static_points));
@@ -318,7 +368,7 @@ Status run(State& state) {
 
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log) {
-  State state{capture, settings, Work(progress, log), {}, {}, {}, {}, {}, "none", {}, {}};
+  State state{capture, settings, Work(progress, log), {}, {}, {}, {}, {}, "none", {}, {}, {}};
   return guarded("initialisation", [&] { return run(state); });
 }
 

@@ -110,11 +110,27 @@ cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
   return out;
 }
 
+// Fills small holes: the plain inside of what moves shows no change.
+void fill_holes(cv::Mat* mask) {
+  cv::Mat labels, stats, centroids;
+  const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
+  const int largest = int(mask->total() / 120);
+  for (int i = 1; i < n; ++i) {
+    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
+                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
+    const bool at_border =
+        box.x == 0 || box.y == 0 || box.br().x == mask->cols || box.br().y == mask->rows;
+    if (at_border || stats.at<int>(i, cv::CC_STAT_AREA) > largest) continue;
+    (*mask)(box).setTo(255, labels(box) == i);
+  }
+}
+
 cv::Mat clean(const cv::Mat& weak, const cv::Mat& strong) {
   const int smallest = std::max(8, int(weak.total() / 12000));
   cv::Mat mask = hysteresis(weak, strong, smallest);
   cv::morphologyEx(mask, mask, cv::MORPH_CLOSE,
                    cv::getStructuringElement(cv::MORPH_ELLIPSE, {5, 5}));
+  fill_holes(&mask);
   cv::morphologyEx(mask, mask, cv::MORPH_OPEN, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
   mask = hysteresis(mask, strong, smallest);
   cv::dilate(mask, mask, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "init/colmap_points.h"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <opencv2/imgproc.hpp>
+#include <sstream>
+#include <thread>
+
+extern char** environ;
+
+namespace stgs::encoder::init {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kLongest = 960;        // pixels of the pictures given to COLMAP
+constexpr int kFeatures = 1500;      // a picture, at most
+constexpr double kWorstError = 1.5;  // pixels of reprojection
+
+// A folder that is removed with everything in it.
+struct WorkFolder {
+  fs::path path;
+  ~WorkFolder() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+};
+
+// Runs colmap with its output in `log`; killed after `seconds`.
+Status run_colmap(std::vector<std::string> arguments, const std::string& log, int seconds) {
+  arguments.insert(arguments.begin(), "colmap");
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0644);
+  posix_spawn_file_actions_adddup2(&actions, 1, 2);
+  pid_t child = 0;
+  const int failed = posix_spawnp(&child, "colmap", &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (failed != 0) return runtime_error("colmap {}: cannot be started", arguments[1]);
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
+  int status = 0;
+  while (::waitpid(child, &status, WNOHANG) == 0) {
+    if (std::chrono::steady_clock::now() > deadline) {
+      ::kill(child, SIGKILL);
+      ::waitpid(child, &status, 0);
+      return runtime_error("colmap {}: stopped after {} s", arguments[1], seconds);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return {};
+  return runtime_error("colmap {}: failed with status {}", arguments[1], status);
+}
+
+// Pictures in an order that COLMAP numbers as we do, and masks where it may look.
+Status write_pictures(const PreparedCapture& capture, const std::vector<View>& views, bool masked,
+                      const fs::path& folder) {
+  fs::create_directories(folder / "images");
+  fs::create_directories(folder / "masks");
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const std::string name = fmt::format("{:04}.png", i);
+    STGS_ASSIGN(const cv::Mat picture, load_picture(capture, views[i], 0));
+    STGS_TRY(write_png((folder / "images" / name).string(), picture));
+    cv::Mat usable(views[i].size(), CV_8U, cv::Scalar(255));
+    if (masked) {
+      STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, views[i], 0));
+      if (!mask.empty()) usable = ~mask;
+    }
+    STGS_TRY(write_png((folder / "masks" / (name + ".png")).string(), usable));
+  }
+  return {};
+}
+
+// COLMAP's quaternion of a rotation: w x y z.
+cv::Vec4d quaternion_of(const cv::Matx33d& r) {
+  // From the largest component, which is never near 0.
+  const double trace = r(0, 0) + r(1, 1) + r(2, 2);
+  cv::Vec4d q;
+  if (trace > 0) {
+    q = {1 + trace, r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)};
+  } else {
+    const int i = r(0, 0) > r(1, 1) && r(0, 0) > r(2, 2) ? 0 : r(1, 1) > r(2, 2) ? 1 : 2;
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    q[0] = r(k, j) - r(j, k);
+    q[1 + i] = 1 + r(i, i) - r(j, j) - r(k, k);
+    q[1 + j] = r(i, j) + r(j, i);
+    q[1 + k] = r(i, k) + r(k, i);
+  }
+  return q * (1 / cv::norm(q));
+}
+
+// The model of known poses. Ids count from 1 in the order of the pictures, as in the database.
+Status write_model(const std::vector<View>& views, const fs::path& folder) {
+  fs::create_directories(folder);
+  std::ofstream cameras(folder / "cameras.txt"), images(folder / "images.txt");
+  std::ofstream points(folder / "points3D.txt");
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const View& v = views[i];
+    const cv::Vec4d q = quaternion_of(v.rotation);
+    cameras << fmt::format("{} PINHOLE {} {} {:.17g} {:.17g} {:.17g} {:.17g}\n", i + 1, v.width,
+                           v.height, v.fx, v.fy, v.cx, v.cy);
+    images << fmt::format(
+        "{} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {} {:04}.png\n\n", i + 1, q[0],
+        q[1], q[2], q[3], v.translation[0], v.translation[1], v.translation[2], i + 1, i);
+  }
+  cameras.flush();
+  images.flush();
+  points.flush();
+  if (cameras && images && points) return {};
+  return io_error("{}: cannot be written", folder.string());
+}
+
+Result<std::vector<SurfacePoint>> read_model(const fs::path& path, std::size_t shortest_track) {
+  std::ifstream file(path);
+  if (!file) return io_error("{}: COLMAP wrote no points", path.string());
+  std::vector<SurfacePoint> points;
+  for (std::string line; std::getline(file, line);) {
+    if (line.empty() || line[0] == '#') continue;
+    std::istringstream row(line);
+    std::uint64_t id = 0;
+    SurfacePoint point;
+    int rgb[3];
+    double error = 0;
+    row >> id >> point.position[0] >> point.position[1] >> point.position[2];
+    row >> rgb[0] >> rgb[1] >> rgb[2] >> error;
+    if (!row) return invalid_file("{}: line '{}' is no point", path.string(), line);
+    std::size_t track = 0;
+    for (std::uint64_t image = 0, feature = 0; row >> image >> feature;) ++track;
+    if (error > kWorstError || track < shortest_track) continue;
+    for (int k = 0; k < 3; ++k) point.colour[k] = cv::saturate_cast<std::uint8_t>(rgb[k]);
+    points.push_back(point);
+  }
+  return points;
+}
+
+}  // namespace
+
+bool colmap_installed() {
+  const char* path = std::getenv("PATH");
+  std::istringstream folders(path ? path : "");
+  for (std::string folder; std::getline(folders, folder, ':');) {
+    if (::access((folder + "/colmap").c_str(), X_OK) == 0) return true;
+  }
+  return false;
+}
+
+Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int most_views,
+                                                bool masked, int seconds) {
+  const std::vector<View> all = training_views(capture, kLongest);
+  std::vector<View> views;
+  for (const int i : spread(all, most_views)) views.push_back(all[i]);
+  const WorkFolder folder{fs::path(capture.folder) / ".colmap"};
+  fs::remove_all(folder.path);
+  STGS_TRY(write_pictures(capture, views, masked, folder.path));
+  STGS_TRY(write_model(views, folder.path / "known"));
+  fs::create_directories(folder.path / "out");
+  const auto path = [&](const char* name) { return (folder.path / name).string(); };
+  const std::string log = path("log.txt");
+  STGS_TRY(
+      run_colmap({"feature_extractor", "--database_path", path("database.db"), "--image_path",
+                  path("images"), "--ImageReader.mask_path", path("masks"),
+                  "--ImageReader.camera_model", "PINHOLE", "--ImageReader.single_camera_per_image",
+                  "1", "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", "1",
+                  "--SiftExtraction.max_num_features", std::to_string(kFeatures)},
+                 log, seconds));
+  STGS_TRY(run_colmap({"exhaustive_matcher", "--database_path", path("database.db"),
+                       "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", "1"},
+                      log, seconds));
+  STGS_TRY(run_colmap(
+      {"point_triangulator", "--database_path", path("database.db"), "--image_path", path("images"),
+       "--input_path", path("known"), "--output_path", path("out"), "--clear_points", "1"},
+      log, seconds));
+  STGS_TRY(run_colmap({"model_converter", "--input_path", path("out"), "--output_path", path("out"),
+                       "--output_type", "TXT"},
+                      log, seconds));
+  return read_model(folder.path / "out" / "points3D.txt", views.size() > 3 ? 3 : 2);
+}
+
+}  // namespace stgs::encoder::init
