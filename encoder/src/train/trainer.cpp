@@ -298,11 +298,17 @@ TrainReport Trainer::report() const {
 
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report) {
-  STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
-              Trainer::create(capture, settings, progress, log));
-  STGS_TRY(trainer->run());
-  if (report != nullptr) *report = trainer->report();
-  return trainer->scene();
+  try {
+    STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
+                Trainer::create(capture, settings, progress, log));
+    STGS_TRY(trainer->run());
+    if (report != nullptr) *report = trainer->report();
+    return trainer->scene();
+  } catch (const std::bad_alloc&) {
+    return runtime_error("training ran out of memory: use fewer primitives or smaller frames");
+  } catch (const std::exception& error) {
+    return runtime_error("training stopped: {}", error.what());
+  }
 }
 
 }  // namespace stgs::encoder
