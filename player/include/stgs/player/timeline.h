@@ -11,31 +11,45 @@
 
 namespace stgs::player {
 
-// Decodes the segments that a moment needs, keeps them within a memory budget (those needed least
-// recently go first). Not thread-safe.
+inline constexpr std::uint64_t kDefaultMemoryBudget = std::uint64_t{4} << 30;  // bytes
+
+// Decodes the segments that a moment needs and keeps them within a memory budget: those needed
+// least recently go first. Not thread-safe; decodes missing segments in parallel (TBB).
 class Timeline {
  public:
+  // `memory_budget` bounds the bytes of decoded segments, see memory_bytes().
   static Result<std::unique_ptr<Timeline>> open(const std::string& path,
-                                                std::uint64_t memory_budget = std::uint64_t{4}
-                                                                              << 30);
+                                                std::uint64_t memory_budget = kDefaultMemoryBudget);
+  // The same over a reader that is already open.
+  static std::unique_ptr<Timeline> over(std::unique_ptr<SceneReader> reader,
+                                        std::uint64_t memory_budget = kDefaultMemoryBudget);
   virtual ~Timeline() = default;
 
   virtual const SceneMetadata& metadata() const = 0;
   virtual double duration_seconds() const = 0;
 
-  // The decoded segments alive at the moment; valid until the next call.
+  // The decoded segments alive at a moment.
   struct Active {
-    // Each set with its candidate primitives (ascending indices) at this moment.
+    // A set with its candidate primitives, ascending: every one whose opacity at this moment
+    // reaches the drawing threshold 1/255 (a rounding error's width beyond included).
     struct Part {
       std::uint32_t segment;
       const Gaussians4D* set;
       const std::vector<std::uint32_t>* candidates;
+      // The file's primitives counted in the order of its segments: index of the set's first.
+      std::uint32_t id_base;
     };
-    std::vector<Part> parts;
+    std::vector<Part> parts;  // ascending in segment and in id_base
     double ticks = 0;
   };
+  // What is alive at `seconds`, which may lie outside the duration. The pointers stay valid until
+  // the next call. Errors: a segment that cannot be read or decoded; a moment whose segments
+  // together exceed the memory budget (kRuntime).
   virtual Result<Active> at(double seconds) = 0;
+
+  // Bytes of the decoded segments held now; never more than the budget.
   virtual std::uint64_t memory_bytes() const = 0;
+  // Primitives of the decoded segments held now.
   virtual std::uint64_t stored_primitives() const = 0;
 };
 

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cpu/cpu_renderer.h"
+
+#include <chrono>
+#include <new>
+#include <utility>
+
+namespace stgs::player {
+namespace {
+
+constexpr float kMaxSide = 32768;  // pixels
+
+using Clock = std::chrono::steady_clock;
+
+// Milliseconds since `start`, which becomes now.
+double lap(Clock::time_point& start) {
+  const auto now = Clock::now();
+  const double ms = std::chrono::duration<double, std::milli>(now - start).count();
+  start = now;
+  return ms;
+}
+
+Status check(const std::vector<View>& views) {
+  if (views.empty() || views.size() > kMaxViews) {
+    return usage_error("a call draws 1 to {} views, not {}", kMaxViews, views.size());
+  }
+  for (const View& view : views) {
+    const auto side = [](float v) { return v >= 1 && v <= kMaxSide; };
+    if (!side(view.camera.width) || !side(view.camera.height)) {
+      return usage_error("a view of {}x{} pixels cannot be drawn; each side is 1 to {}",
+                         view.camera.width, view.camera.height, kMaxSide);
+    }
+  }
+  return {};
+}
+
+class CpuRenderer final : public Renderer {
+ public:
+  std::string name() const override { return "cpu"; }
+
+  Status render(Timeline& timeline, double seconds, const std::vector<View>& views,
+                std::vector<Frame>& frames, RenderStats* stats) override {
+    STGS_TRY(check(views));
+    RenderStats sums;
+    auto clock = Clock::now();
+    STGS_ASSIGN(const Timeline::Active active, timeline.at(seconds));
+    sums.fetch_ms = lap(clock);
+    sums.stored = timeline.stored_primitives();
+    for (const auto& part : active.parts) sums.alive += part.candidates->size();
+    try {
+      frames.resize(views.size());
+      for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames[i], sums);
+    } catch (const std::bad_alloc&) {
+      return runtime_error("not enough memory to draw {} view(s); use a smaller size",
+                           views.size());
+    }
+    if (stats != nullptr) *stats = sums;
+    return {};
+  }
+
+ private:
+  void draw(const Timeline::Active& active, const View& view, Frame& frame, RenderStats& stats) {
+    RasterSettings settings;
+    settings.background = view.background;
+    auto clock = Clock::now();
+    begin_frame(view.camera, splats_);
+    for (const auto& part : active.parts) {
+      slice(*part.set, *part.candidates, static_cast<float>(active.ticks), view.camera, settings,
+            part.id_base, splats_);
+    }
+    stats.slice_ms += lap(clock);
+    bin(splats_);
+    stats.bin_ms += lap(clock);
+    // The caller's buffers become the target and go back filled: nothing is copied.
+    std::swap(output_.colour, frame.colour);
+    std::swap(output_.alpha, frame.alpha);
+    std::swap(output_.depth, frame.depth);
+    blend(splats_, settings, output_);
+    std::swap(output_.colour, frame.colour);
+    std::swap(output_.alpha, frame.alpha);
+    std::swap(output_.depth, frame.depth);
+    stats.blend_ms += lap(clock);
+    stats.drawn += splats_.splats.size();
+  }
+
+  SplatFrame splats_;
+  RasterOutput output_;
+};
+
+}  // namespace
+
+std::unique_ptr<Renderer> make_cpu_renderer() {
+  return std::make_unique<CpuRenderer>();
+}
+
+}  // namespace stgs::player

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/player/timeline.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <new>
+#include <utility>
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+
+namespace stgs::player {
+namespace {
+
+constexpr double kMiB = 1 << 20;
+
+// A decoded segment with the support of each primitive, [begin, end] in ticks. Scanning all
+// supports of the segments alive is proportional to what is alive: a lifespan segment holds only
+// primitives that live for a good part of its span.
+struct Held {
+  Gaussians4D set;
+  std::vector<float> begin, end;
+  std::vector<std::uint32_t> candidates;  // at the moment asked for last
+  std::uint64_t used = 0;                 // number of the call that needed it last
+};
+
+// Bytes that a segment of n primitives takes once decoded, its candidates included.
+std::uint64_t held_bytes(std::uint64_t n, int sh_degree) {
+  const auto coefficients = static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
+  const std::uint64_t floats = 3 + 3 + 4 + 1 + 3 * coefficients + 1 + 3 + 1 + 1;
+  return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));
+}
+
+// Widens by what float arithmetic can lose, so that the slice, not the timeline, decides on the
+// last bit. Empty supports become begin > end.
+void compute_supports(Held& held) {
+  const Gaussians4D& set = held.set;
+  held.begin.resize(set.size());
+  held.end.resize(set.size());
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    const float opacity = math::opacity_of(set.opacity_logit[i]);
+    const float slack = 1e-5f * math::kAlphaThreshold;
+    const float half = math::support_half_width(opacity + slack, set.sigma[i], set.radius[i],
+                                                math::kAlphaThreshold);
+    const float margin = 1e-5f * (std::abs(set.time[i]) + std::abs(half)) + 1e-5f;
+    held.begin[i] = half < 0 ? std::numeric_limits<float>::max() : set.time[i] - half - margin;
+    held.end[i] = half < 0 ? std::numeric_limits<float>::lowest() : set.time[i] + half + margin;
+  }
+}
+
+void find_candidates(Held& held, float ticks) {
+  held.candidates.resize(held.begin.size());
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < held.begin.size(); ++i) {
+    held.candidates[n] = static_cast<std::uint32_t>(i);
+    n += static_cast<std::size_t>((held.begin[i] <= ticks) & (ticks <= held.end[i]));
+  }
+  held.candidates.resize(n);
+}
+
+class SegmentTimeline final : public Timeline {
+ public:
+  SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget)
+      : reader_(std::move(reader)), budget_(budget) {
+    std::uint32_t base = 0;
+    for (const SegmentInfo& segment : reader_->segments()) {
+      id_base_.push_back(base);
+      base += segment.primitives;
+    }
+  }
+
+  const SceneMetadata& metadata() const override { return reader_->metadata(); }
+  double duration_seconds() const override {
+    return metadata().time_base.seconds(metadata().frames);
+  }
+  std::uint64_t memory_bytes() const override { return bytes_; }
+  std::uint64_t stored_primitives() const override { return primitives_; }
+
+  Result<Active> at(double seconds) override {
+    if (!std::isfinite(seconds)) return usage_error("a moment must be a number of seconds");
+    Active active;
+    active.ticks = metadata().time_base.ticks(seconds);
+    auto needed = reader_->segments_between(active.ticks, active.ticks);
+    std::sort(needed.begin(), needed.end());
+    ++call_;
+    try {
+      STGS_TRY(hold(needed));
+      const auto ticks = static_cast<float>(active.ticks);
+      std::vector<Held*> parts;
+      for (std::uint32_t segment : needed) parts.push_back(&held_.at(segment));
+      tbb::parallel_for(std::size_t{0}, parts.size(),
+                        [&](std::size_t i) { find_candidates(*parts[i], ticks); });
+      for (std::size_t i = 0; i < parts.size(); ++i) {
+        if (parts[i]->candidates.empty()) continue;
+        active.parts.push_back(
+            {needed[i], &parts[i]->set, &parts[i]->candidates, id_base_[needed[i]]});
+      }
+    } catch (const std::bad_alloc&) {
+      return runtime_error("not enough memory to hold what is alive at {} s", seconds);
+    }
+    return active;
+  }
+
+ private:
+  std::uint64_t bytes_of(std::uint32_t segment) const {
+    return held_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
+  }
+
+  // Makes the segments (ascending) present, and drops others where the budget asks for it.
+  Status hold(const std::vector<std::uint32_t>& needed) {
+    std::vector<std::uint32_t> missing;
+    std::uint64_t together = 0, more = 0;
+    for (std::uint32_t segment : needed) {
+      together += bytes_of(segment);
+      if (const auto found = held_.find(segment); found != held_.end()) {
+        found->second.used = call_;
+      } else {
+        missing.push_back(segment);
+        more += bytes_of(segment);
+      }
+    }
+    if (together > budget_) {
+      return runtime_error(
+          "the segments alive at this moment take {:.1f} MiB decoded, more than the budget of "
+          "{:.1f} MiB; allow more memory",
+          static_cast<double>(together) / kMiB, static_cast<double>(budget_) / kMiB);
+    }
+    make_room(more);
+    return decode(missing);
+  }
+
+  void make_room(std::uint64_t more) {
+    while (bytes_ + more > budget_) {
+      const auto oldest = std::min_element(
+          held_.begin(), held_.end(),
+          [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
+      bytes_ -= bytes_of(oldest->first);
+      primitives_ -= oldest->second.set.size();
+      held_.erase(oldest);
+    }
+  }
+
+  Status decode(const std::vector<std::uint32_t>& missing) {
+    std::vector<Held> fresh(missing.size());
+    std::vector<Status> results(missing.size());
+    tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
+      auto set = reader_->decode(missing[i]);
+      if (!set.ok()) {
+        results[i] = set.status();
+        return;
+      }
+      fresh[i].set = std::move(set).value();
+      compute_supports(fresh[i]);
+    });
+    for (const Status& status : results) STGS_TRY(status);
+    for (std::size_t i = 0; i < missing.size(); ++i) {
+      fresh[i].used = call_;
+      bytes_ += bytes_of(missing[i]);
+      primitives_ += fresh[i].set.size();
+      held_.emplace(missing[i], std::move(fresh[i]));
+    }
+    return {};
+  }
+
+  std::unique_ptr<SceneReader> reader_;
+  std::uint64_t budget_ = 0;
+  std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
+  std::vector<std::uint32_t> id_base_;
+  std::map<std::uint32_t, Held> held_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& path,
+                                                 std::uint64_t memory_budget) {
+  STGS_ASSIGN(auto reader, SceneReader::open(path));
+  return over(std::move(reader), memory_budget);
+}
+
+std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
+                                         std::uint64_t memory_budget) {
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget);
+}
+
+}  // namespace stgs::player

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <catch2/catch.hpp>
+#include <set>
+
+#include "scene_fixture.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/player/renderer.h"
+
+namespace stgs::player {
+namespace {
+
+constexpr std::uint32_t kFrames = 90;
+
+std::vector<std::uint8_t> bytes_of(const Scene& scene) {
+  WriteSettings settings;
+  settings.chunk_seconds = 0.2;
+  auto bytes = encode_scene(scene, settings);
+  REQUIRE(bytes.ok());
+  return *bytes;
+}
+
+std::unique_ptr<Timeline> timeline_over(const Scene& scene,
+                                        std::uint64_t budget = kDefaultMemoryBudget) {
+  auto reader = SceneReader::open(memory_source(bytes_of(scene)));
+  REQUIRE(reader.ok());
+  return Timeline::over(std::move(*reader), budget);
+}
+
+math::PinholeCamera camera_of(float width, float height) {
+  math::PinholeCamera camera{};
+  camera.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  camera.fx = camera.fy = width;
+  camera.cx = width / 2;
+  camera.cy = height / 2;
+  camera.width = width;
+  camera.height = height;
+  camera.near_plane = 0.1f;
+  return camera;
+}
+
+// Fingerprints of the candidates of all parts.
+std::multiset<std::string> alive(const Timeline::Active& active) {
+  std::multiset<std::string> out;
+  for (const auto& part : active.parts) {
+    const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
+    out.insert(prints.begin(), prints.end());
+  }
+  return out;
+}
+
+float opacity_at(const Gaussians4D& set, std::size_t i, float ticks) {
+  return math::opacity_of(set.opacity_logit[i]) *
+         math::visibility(ticks - set.time[i], set.sigma[i], set.radius[i]);
+}
+
+TEST_CASE("a timeline gives exactly what is alive at a moment") {
+  const Scene scene = testing::random_scene(3000, 1, kFrames, 3);
+  const auto prints = testing::fingerprints(scene.gaussians);
+  auto timeline = timeline_over(scene);
+  for (const float ticks : {0.0f, 7.25f, 44.0f, 60.5f, 89.0f, 90.0f}) {
+    auto active = timeline->at(scene.metadata.time_base.seconds(ticks));
+    REQUIRE(active.ok());
+    const auto found = alive(*active);
+    std::size_t must = 0;
+    for (std::size_t i = 0; i < prints.size(); ++i) {
+      const float opacity = opacity_at(scene.gaussians, i, ticks);
+      // A hair on either side of the threshold is rounding's to decide.
+      if (opacity >= 1.001f * math::kAlphaThreshold) {
+        ++must;
+        REQUIRE(found.count(prints[i]) == 1);
+      } else if (opacity < 0.99f * math::kAlphaThreshold) {
+        REQUIRE(found.count(prints[i]) == 0);
+      }
+    }
+    REQUIRE(must > 100);
+    REQUIRE(must < scene.gaussians.size());
+  }
+}
+
+TEST_CASE("a timeline keeps within its memory budget and still shows the same") {
+  const Scene scene = testing::random_scene(3000, 1, kFrames, 4);
+  auto ample = timeline_over(scene);
+  std::uint64_t needed = 0;
+  for (std::uint32_t i = 0; i < kFrames; ++i) {
+    auto fresh = timeline_over(scene);
+    REQUIRE(fresh->at(i / 30.0).ok());
+    needed = std::max(needed, fresh->memory_bytes());
+    REQUIRE(ample->at(i / 30.0).ok());
+  }
+  REQUIRE(ample->memory_bytes() > needed);
+  auto tight = timeline_over(scene, needed);
+  for (std::uint32_t i = 0; i < kFrames; i += 3) {
+    auto a = ample->at(i / 30.0);
+    auto b = tight->at(i / 30.0);
+    REQUIRE(b.ok());
+    REQUIRE(tight->memory_bytes() <= needed);
+    REQUIRE(alive(*a) == alive(*b));
+  }
+  auto hopeless = timeline_over(scene, needed / 4);
+  const auto refused = hopeless->at(1.0);
+  REQUIRE(refused.status().code() == StatusCode::kRuntime);
+  REQUIRE(refused.status().message().find("budget") != std::string::npos);
+}
+
+TEST_CASE("the CPU renderer draws what the rasteriser draws of the whole set") {
+  const Scene scene = testing::random_scene(2000, 2, kFrames, 5);
+  auto timeline = timeline_over(scene);
+  auto renderer = make_renderer("auto");
+  REQUIRE(renderer.ok());
+  const View view{camera_of(160, 90), {0.2f, 0.4f, 0.6f}};
+  RasterSettings settings;
+  settings.background = view.background;
+  SplatFrame splats;
+  RasterOutput whole;
+  for (const double seconds : {0.0, 0.75, 2.9}) {
+    std::vector<Frame> frames;
+    RenderStats stats;
+    REQUIRE((*renderer)->render(*timeline, seconds, {view}, frames, &stats).ok());
+    const auto ticks = static_cast<float>(scene.metadata.time_base.ticks(seconds));
+    render(scene.gaussians, ticks, view.camera, settings, splats, whole);
+    REQUIRE(frames.size() == 1);
+    REQUIRE(stats.drawn == splats.splats.size());
+    REQUIRE(stats.alive < scene.gaussians.size());
+    float largest = 0;
+    for (std::size_t i = 0; i < whole.colour.data.size(); ++i) {
+      largest = std::max(largest, std::abs(whole.colour.data[i] - frames[0].colour.data[i]));
+    }
+    for (std::size_t i = 0; i < whole.alpha.data.size(); ++i) {
+      largest = std::max(largest, std::abs(whole.alpha.data[i] - frames[0].alpha.data[i]));
+    }
+    REQUIRE(largest < 1e-5f);
+  }
+}
+
+TEST_CASE("seeking at random draws the same bits as playing in order") {
+  const Scene scene = testing::random_scene(2000, 1, kFrames, 6);
+  auto played = timeline_over(scene), sought = timeline_over(scene);
+  auto one = make_renderer("cpu"), other = make_renderer("cpu");
+  const View view{camera_of(96, 64)};
+  std::vector<std::vector<float>> in_order(kFrames);
+  std::vector<Frame> frames;
+  for (std::uint32_t i = 0; i < kFrames; ++i) {
+    REQUIRE((*one)->render(*played, i / 30.0, {view}, frames, nullptr).ok());
+    in_order[i] = frames[0].colour.data;
+  }
+  for (std::uint32_t k = 0, i = 11; k < kFrames; ++k, i = (i + 37) % kFrames) {
+    REQUIRE((*other)->render(*sought, i / 30.0, {view}, frames, nullptr).ok());
+    REQUIRE(frames[0].colour.data == in_order[i]);
+  }
+}
+
+TEST_CASE("several views of a moment equal the views one by one") {
+  const Scene scene = testing::random_scene(1000, 1, kFrames, 8);
+  auto timeline = timeline_over(scene);
+  auto renderer = make_renderer("cpu");
+  const std::vector<View> views = {{camera_of(64, 48)}, {camera_of(96, 32), {1, 1, 1}}};
+  std::vector<Frame> together, alone;
+  REQUIRE((*renderer)->render(*timeline, 1.0, views, together, nullptr).ok());
+  REQUIRE(together.size() == 2);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    REQUIRE((*renderer)->render(*timeline, 1.0, {views[i]}, alone, nullptr).ok());
+    REQUIRE(alone[0].colour.data == together[i].colour.data);
+    REQUIRE(alone[0].depth.data == together[i].depth.data);
+  }
+}
+
+TEST_CASE("the renderer refuses what it cannot draw") {
+  auto timeline = timeline_over(testing::random_scene(10, 0, kFrames, 9));
+  auto renderer = make_renderer("cpu");
+  std::vector<Frame> frames;
+  const auto code = [&](const std::vector<View>& views, double seconds) {
+    return (*renderer)->render(*timeline, seconds, views, frames, nullptr).code();
+  };
+  const View view{camera_of(32, 32)};
+  REQUIRE(code({}, 0) == StatusCode::kUsage);
+  REQUIRE(code({view, view, view, view, view}, 0) == StatusCode::kUsage);
+  REQUIRE(code({{camera_of(0, 32)}}, 0) == StatusCode::kUsage);
+  REQUIRE(code({view}, std::nan("")) == StatusCode::kUsage);
+  REQUIRE(code({view}, 0) == StatusCode::kOk);
+  REQUIRE(make_renderer("cuda").status().code() == StatusCode::kNotBuilt);
+  REQUIRE(make_renderer("vulkan").status().code() == StatusCode::kNotBuilt);
+  REQUIRE(make_renderer("abacus").status().code() == StatusCode::kUsage);
+}
+
+}  // namespace
+}  // namespace stgs::player
