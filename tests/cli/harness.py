@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the command-line tests share: the program, a folder of fixtures, and checks on a run."""
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+STGS = ""  # the program, set by run.py
+FIXTURE = ""  # folder that make_fixture filled, never changed by a test
+SOURCE = ""  # the project's root
+
+
+def built_in(part):
+    """Whether `stgs --version` lists a part."""
+    text = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout
+    return part in re.search(r"built in:(.*)", text).group(1).split()
+
+
+class CliTest(unittest.TestCase):
+    """A test in a folder of its own, self.work, which is the working directory of its runs."""
+
+    def setUp(self):
+        self.work = tempfile.mkdtemp(prefix="stgs-cli-")
+        self.addCleanup(shutil.rmtree, self.work, True)
+
+    def path(self, *parts):
+        return os.path.join(self.work, *parts)
+
+    def fixture(self, name):
+        return os.path.join(FIXTURE, name)
+
+    def copy_capture(self, name):
+        """A copy of the prepared capture that the test may damage."""
+        shutil.copytree(self.fixture("prepared"), self.path(name))
+        return self.path(name)
+
+    def write(self, name, data):
+        with open(self.path(name), "wb") as file:
+            file.write(data if isinstance(data, bytes) else data.encode())
+        return self.path(name)
+
+    def read(self, name):
+        with open(self.path(name), "rb") as file:
+            return file.read()
+
+    def stgs(self, *args, **options):
+        options.setdefault("stdout", subprocess.PIPE)
+        return subprocess.run([STGS, *map(str, args)], cwd=self.work, stderr=subprocess.PIPE,
+                              timeout=300, check=False, **options)
+
+    def fails(self, code, message, *args, **options):
+        """The run ends with `code` and one error line that `message`, a pattern, matches."""
+        result = self.stgs(*args, **options)
+        error = result.stderr.decode(errors="replace")
+        self.assertEqual(result.returncode, code, f"{args}: {error}")
+        lines = [line for line in error.splitlines() if line.startswith("stgs: error: ")]
+        self.assertEqual(len(lines), 1, f"{args}: one error line, got: {error}")
+        self.assertRegex(lines[0], message)
+        self.no_leftovers()
+        return result
+
+    def succeeds(self, *args, **options):
+        result = self.stgs(*args, **options)
+        error = result.stderr.decode(errors="replace")
+        self.assertEqual(result.returncode, 0, f"{args}: {error}")
+        self.no_leftovers()
+        return result
+
+    def json_of(self, *args):
+        """The verb's JSON, checked against its schema."""
+        result = self.succeeds(*args, "--format", "json")
+        value = json.loads(result.stdout)
+        self.check_schema(args[0], value)
+        return value
+
+    def check_schema(self, name, value):
+        import jsonschema
+        with open(os.path.join(SOURCE, "tools", "schema", name + ".json"), encoding="utf-8") as file:
+            schema = json.load(file)
+        jsonschema.Draft202012Validator.check_schema(schema)
+        jsonschema.Draft202012Validator(schema).validate(value)
+
+    def no_leftovers(self):
+        for folder, folders, files in os.walk(self.work):
+            for name in files + folders:
+                self.assertNotIn(".tmp", name, f"a temporary is left in {folder}")

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes what the command-line tests work on into a folder: small scenes, files that lie about
+// their counts with good checksums, and a prepared capture rendered from the scene.
+//
+// usage: make_fixture FOLDER
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+
+#include "../api/scene_fixture.h"
+#include "container.h"
+#include "picture.h"
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/format/raster.h"
+
+namespace stgs {
+namespace {
+
+constexpr int kWidth = 64, kHeight = 48, kFrames = 6;
+
+Scene fixture_scene() {
+  Scene scene = testing::random_scene(400, 1, kFrames, 7);
+  scene.metadata.title = "fixture";
+  StartCamera start;
+  start.fx = start.fy = 60;
+  start.cx = kWidth / 2.0f;
+  start.cy = kHeight / 2.0f;
+  start.width = kWidth;
+  start.height = kHeight;
+  scene.metadata.start_camera = start;
+  // Large enough to be seen in a small picture.
+  for (float& s : scene.gaussians.log_scale) s += 1.5f;
+  return scene;
+}
+
+Status write_capture(const Scene& scene, const std::string& folder) {
+  encoder::PreparedCapture capture;
+  capture.folder = folder;
+  capture.frames = kFrames;
+  capture.time_base = scene.metadata.time_base;
+  capture.source = "fixture";
+  capture.near_plane = scene.metadata.near_plane;
+  capture.scene_centre[2] = 5;
+  capture.scene_radius = 2;
+  SplatFrame splats;
+  RasterOutput output;
+  for (const char* name : {"a", "b", "c"}) {
+    encoder::Camera camera;
+    camera.name = name;
+    camera.width = kWidth;
+    camera.height = kHeight;
+    camera.fx = camera.fy = 60;
+    camera.cx = kWidth / 2.0;
+    camera.cy = kHeight / 2.0;
+    camera.translation[0] = 0.4 * (name[0] - 'b');
+    camera.test = name[0] == 'c';
+    std::filesystem::create_directories(folder + "/frames/" + name);
+    for (int i = 0; i < kFrames; ++i) {
+      render(scene.gaussians, static_cast<float>(i), camera.pinhole(capture.near_plane), {}, splats,
+             output);
+      STGS_TRY(tools::write_png(capture.frame_path(camera, i), tools::to_8bit(output.colour)));
+    }
+    capture.cameras.push_back(camera);
+  }
+  std::vector<encoder::InitialPoint> points;
+  for (std::size_t i = 0; i < scene.gaussians.size(); ++i) {
+    const float* p = scene.gaussians.position.data() + 3 * i;
+    points.push_back({{p[0], p[1], p[2]}, {128, 128, 128}, {0, 0, 0}, -1});
+  }
+  STGS_TRY(encoder::write_points(folder + "/points_static.ply", points));
+  STGS_TRY(encoder::write_points(folder + "/points_dynamic.ply", {}));
+  return encoder::write_prepared_capture(capture);
+}
+
+// Rewrites the head of a file after `change`, with checksums that fit.
+Status write_changed_head(const std::vector<std::uint8_t>& bytes, const std::string& path,
+                          const std::function<void(FileHead&)>& change) {
+  Findings findings;
+  FileHead head;
+  const auto source = memory_source(bytes);
+  if (!read_head(*source, {}, head, findings)) return runtime_error("the fixture is not readable");
+  const std::uint64_t old_head = head.header.head_bytes;
+  change(head);
+  std::vector<std::uint8_t> out = write_header(head.header);
+  for (const auto& record : {write_record(kMetadataTag, write_metadata(head.metadata)),
+                             write_record(kIndexTag, write_index(head.index))}) {
+    out.insert(out.end(), record.begin(), record.end());
+  }
+  if (out.size() != old_head) return runtime_error("the change moved the segments");
+  out.insert(out.end(), bytes.begin() + static_cast<std::ptrdiff_t>(old_head), bytes.end());
+  return write_file_atomically(path, out);
+}
+
+Status write_all(const std::string& folder) {
+  Scene scene = fixture_scene();
+  WriteSettings settings;
+  settings.chunk_seconds = 0.05;
+  STGS_TRY(write_scene(folder + "/tiny.stgs", scene, settings));
+  STGS_TRY(write_capture(scene, folder + "/prepared"));
+  STGS_ASSIGN(const auto bytes, encode_scene(scene, settings));
+  STGS_TRY(write_changed_head(bytes, folder + "/huge_count.stgs", [](FileHead& head) {
+    head.index.primitives += 0xFFFFFFFFull - head.index.entries[0].primitives;
+    head.index.entries[0].primitives = 0xFFFFFFFF;
+  }));
+  STGS_TRY(write_changed_head(bytes, folder + "/huge_bytes.stgs", [](FileHead& head) {
+    head.index.entries[0].bytes = std::uint64_t{1} << 62;
+  }));
+  STGS_TRY(write_changed_head(bytes, folder + "/wrong_sum.stgs",
+                              [](FileHead& head) { head.index.primitives += 1; }));
+  STGS_TRY(write_changed_head(bytes, folder + "/newer_major.stgs",
+                              [](FileHead& head) { head.header.major = kFormatMajor + 1; }));
+  settings.profile = Profile::kQuantised;
+  STGS_TRY(write_scene(folder + "/packed.stgs", scene, settings));
+  scene.metadata.start_camera.reset();
+  STGS_TRY(write_scene(folder + "/no_camera.stgs", scene, settings));
+  scene.metadata.frames = 2 * kFrames;
+  scene.metadata.start_camera = StartCamera{};
+  return write_scene(folder + "/longer.stgs", scene, settings);
+}
+
+}  // namespace
+}  // namespace stgs
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fputs("usage: make_fixture FOLDER\n", stderr);
+    return 1;
+  }
+  const stgs::Status status = stgs::write_all(argv[1]);
+  if (!status.ok()) std::fprintf(stderr, "make_fixture: %s\n", status.message().c_str());
+  return static_cast<int>(status.code());
+}

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a capture to a file: what the verbs refuse, and what an interruption leaves."""
+import os
+import shutil
+import signal
+import subprocess
+import unittest
+
+import harness
+from harness import CliTest
+
+USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
+
+
+def sample():
+    return os.path.join(harness.SOURCE, "tests", "data", "workshop")
+
+
+class Packing(CliTest):
+    def test_pack(self):
+        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "out.stgs")
+        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("out.stgs")))
+        self.assertLess(report["bytes_out"], report["bytes_in"])
+        self.json_of("validate", "out.stgs")
+        self.succeeds("compare", self.fixture("tiny.stgs"), "out.stgs", "--min-psnr", "30")
+
+    def test_quality_orders_size_and_error(self):
+        low = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "low.stgs", "--quality", "20")
+        high = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "high.stgs", "--quality", "95")
+        self.assertLess(low["bytes_out"], high["bytes_out"])
+        self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
+
+    def test_what_pack_refuses(self):
+        tiny = self.fixture("tiny.stgs")
+        self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
+                   "--quality", "101")
+        self.fails(USAGE, "--output is required", "pack", tiny)
+        self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")
+        self.fails(INVALID, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",
+                   "o.stgs")
+        self.fails(IO, "cannot create", "pack", tiny, "-o", "/proc/o.stgs")
+        self.assertEqual(os.listdir(self.work), [])
+
+    def test_packing_a_file_onto_itself_is_safe(self):
+        shutil.copy(self.fixture("tiny.stgs"), self.path("both.stgs"))
+        self.succeeds("pack", "both.stgs", "-o", "both.stgs")
+        self.json_of("validate", "both.stgs")
+
+
+class Preparing(CliTest):
+    def setUp(self):
+        super().setUp()
+        if not harness.built_in("prepare"):
+            self.fails(NOT_BUILT, "cannot prepare captures: install OpenCV", "prepare", self.work,
+                       "-o", "out")
+            self.skipTest("prepare is not built in")
+
+    def test_what_prepare_refuses(self):
+        os.mkdir(self.path("empty"))
+        os.mkdir(self.path("text"))
+        self.write("text/notes.txt", "no video")
+        self.write("file", b"")
+        cases = [
+            (USAGE, "'film' is not a layout", ["empty", "--layout", "film"]),
+            (USAGE, "--scale: 0 is out of range", ["empty", "--scale", "0"]),
+            (USAGE, "--scale: 2 is out of range", ["empty", "--scale", "2"]),
+            (USAGE, "'5' is not a range of frames", ["empty", "--frames", "5"]),
+            (USAGE, "frames 5:2 hold nothing", ["empty", "--frames", "5:2"]),
+            (None, "empty", ["empty"]),
+            (None, "text", ["text"]),
+            (None, "missing", ["missing"]),
+            (None, "file", ["file"]),
+        ]
+        for code, message, args in cases:
+            with self.subTest(args=args):
+                if code is None:  # the layouts' own tests know which
+                    result = self.stgs("prepare", *args, "-o", "out")
+                    self.assertIn(result.returncode, (USAGE, IO, INVALID))
+                    self.assertIn(message, result.stderr.decode())
+                else:
+                    self.fails(code, message, "prepare", *args, "-o", "out")
+                self.assertFalse(os.path.exists(self.path("out")))
+                self.no_leftovers()
+
+    def test_a_video_that_is_none(self):
+        shutil.copytree(sample(), self.path("capture"))
+        self.write("capture/cam03.mp4", b"no video at all" * 100)
+        result = self.stgs("prepare", "capture", "-o", "out")
+        self.assertIn(result.returncode, (IO, INVALID))
+        self.assertIn("cam03", result.stderr.decode())
+        self.assertFalse(os.path.exists(self.path("out")))
+
+    def test_an_existing_folder_is_not_overwritten_unasked(self):
+        os.mkdir(self.path("out"))
+        self.write("out/notes.txt", "mine")
+        result = self.stgs("prepare", sample(), "-o", "out", "--frames", "0:2")
+        self.assertIn(result.returncode, (USAGE, IO), result.stderr)
+        self.assertEqual(os.listdir(self.path("out")), ["notes.txt"])
+
+    def interrupt(self, process, signal_number):
+        """Sends the signal once the work has begun, and returns what it printed."""
+        process.stderr.readline()
+        process.send_signal(signal_number)
+        error = process.stderr.read().decode()
+        process.wait()
+        return error
+
+    def test_an_interrupted_prepare_leaves_nothing(self):
+        args = [harness.STGS, "prepare", sample(), "-o", "out", "--progress", "json"]
+        with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+            error = self.interrupt(process, signal.SIGTERM)
+        self.assertEqual(process.returncode, RUNTIME, error)
+        self.assertIn("stgs: error: interrupted", error)
+        self.assertEqual(os.listdir(self.work), [])
+
+
+class Training(CliTest):
+    def train(self, *more):
+        return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast", *more]
+
+    def test_train_makes_a_lossless_scene(self):
+        report = self.json_of(*self.train("--iterations", "20", "--max-primitives", "300"))
+        self.assertEqual(report["iterations"], 20)
+        self.assertEqual(report["bytes"], os.path.getsize(self.path("out.stgs")))
+        info = self.json_of("info", "out.stgs")
+        self.assertEqual(info["profile"], "lossless")
+        self.assertEqual(info["primitives"], report["primitives"])
+        self.json_of("validate", "out.stgs")
+        first = self.read("out.stgs")
+        self.succeeds(*self.train("--iterations", "20", "--max-primitives", "300", "--threads",
+                                  "1"))
+        self.assertEqual(self.read("out.stgs"), first, "the same seed, another scene")
+
+    def test_parameters_are_listed(self):
+        report = self.json_of("train", "--list-parameters", "--preset", "fast")
+        self.assertGreater(len(report["parameters"]), 5)
+
+    def test_what_train_refuses(self):
+        os.mkdir(self.path("empty"))
+        self.write("rubbish", b"rubbish" * 100)
+        prepared = self.fixture("prepared")
+        cases = [
+            (USAGE, "DIR, the prepared capture, is required", ["train", "-o", "o.stgs"]),
+            (USAGE, "--output, the file to make, is required", ["train", prepared]),
+            (USAGE, "--preset: slow not in", self.train("--preset", "slow")),
+            (USAGE, "--ablate: colour not in", self.train("--ablate", "colour")),
+            (USAGE, "--iterations: 0 is out of range", self.train("--iterations", "0")),
+            (USAGE, "write KEY=VALUE", self.train("--set", "lambda")),
+            (USAGE, "no such hyper-parameter", self.train("--set", "zzz=1")),
+            (USAGE, "--checkpoint-interval requires --checkpoint",
+             self.train("--checkpoint-interval", "5")),
+            (IO, "is not a prepared capture", ["train", "empty", "-o", "o.stgs"]),
+            (IO, "cannot create", ["train", prepared, "-o", "/proc/o.stgs"]),
+            (IO, "none.ckpt", self.train("--resume", "none.ckpt")),
+            (INVALID, "rubbish", self.train("--resume", "rubbish")),
+        ]
+        for code, message, args in cases:
+            with self.subTest(args=args):
+                self.fails(code, message, *args)
+        self.assertEqual(sorted(os.listdir(self.work)), ["empty", "rubbish"])
+
+    def test_an_interrupted_train_writes_its_checkpoint_and_no_scene(self):
+        args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",
+                                          "--progress", "json")]
+        with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+            for line in process.stderr:
+                if b'"train"' in line:
+                    break
+            process.send_signal(signal.SIGINT)
+            error = process.stderr.read().decode()
+        self.assertEqual(process.returncode, RUNTIME, error)
+        self.assertIn("stgs: error: interrupted", error)
+        self.assertEqual(os.listdir(self.work), ["run.ckpt"])
+
+
+class Encoding(CliTest):
+    def setUp(self):
+        super().setUp()
+        if not harness.built_in("encode"):
+            self.skipTest("encode is not built in")
+
+    def test_interrupted_and_killed_encodes_leave_the_old_file(self):
+        args = [harness.STGS, "encode", sample(), "-o", "out.stgs", "--progress", "json"]
+        for number, code in ((signal.SIGINT, RUNTIME), (signal.SIGKILL, -signal.SIGKILL)):
+            with self.subTest(number=number):
+                self.write("out.stgs", b"old")
+                with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+                    process.stderr.readline()
+                    process.send_signal(number)
+                    error = process.stderr.read().decode()
+                self.assertEqual(process.returncode, code, error)
+                self.assertEqual(self.read("out.stgs"), b"old")
+                if number == signal.SIGINT:
+                    self.assertEqual(os.listdir(self.work), ["out.stgs"])
+
+    def test_what_encode_refuses(self):
+        self.fails(IO, "cannot create", "encode", sample(), "-o", "/proc/out.stgs")
+        self.fails(USAGE, "--quality: 500 is out of range", "encode", sample(), "-o", "o.stgs",
+                   "--quality", "500")
+        self.assertEqual(os.listdir(self.work), [])
+
+
+if __name__ == "__main__":
+    unittest.main()

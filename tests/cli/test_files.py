@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Damaged, foreign and missing input, and outputs that cannot be written."""
+import json
+import os
+import resource
+import unittest
+
+import harness
+from harness import CliTest
+
+IO, INVALID, UNSUPPORTED = 2, 3, 5
+
+
+def flipped(data, at):
+    return data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1:]
+
+
+class DamagedScenes(CliTest):
+    def setUp(self):
+        super().setUp()
+        with open(self.fixture("tiny.stgs"), "rb") as file:
+            self.good = file.read()
+
+    def test_files_that_no_verb_opens(self):
+        cases = [
+            (IO, "missing.stgs: cannot open: No such file", self.path("missing.stgs")),
+            (IO, "not a regular file", self.work),
+            (IO, "not a regular file", "/dev/null"),
+            (INVALID, "empty.stgs.*", self.write("empty.stgs", b"")),
+            (INVALID, "short.stgs.*(truncated|bytes)", self.write("short.stgs", self.good[:17])),
+            (INVALID, "cut.stgs.*(truncated|bytes)",
+             self.write("cut.stgs", self.good[:len(self.good) // 2])),
+            (INVALID, "text.stgs.*(magic|not a)", self.write("text.stgs", "no scene " * 50)),
+            (INVALID, "magic.stgs.*(magic|not a)",
+             self.write("magic.stgs", flipped(self.good, 1))),
+            (INVALID, "meta.stgs.*checksum", self.write("meta.stgs", flipped(self.good, 80))),
+            (INVALID, "long.stgs.*byte", self.write("long.stgs", self.good + b"more")),
+            (UNSUPPORTED, "newer_major.stgs.*format version 1.1",
+             self.fixture("newer_major.stgs")),
+            (INVALID, "huge_count.stgs.*claims 4294967295 primitives", self.fixture("huge_count.stgs")),
+            (INVALID, "huge_bytes.stgs.*", self.fixture("huge_bytes.stgs")),
+            (INVALID, "wrong_sum.stgs.*primitives", self.fixture("wrong_sum.stgs")),
+        ]
+        verbs = {
+            "info": lambda f: ["info", f],
+            "render": lambda f: ["render", f, "--time", "0", "-o", "out.png"],
+            "evaluate": lambda f: ["evaluate", f, "--against", self.fixture("prepared")],
+            "compare": lambda f: ["compare", f, self.fixture("tiny.stgs")],
+        }
+        for code, message, path in cases:
+            for verb, line in verbs.items():
+                with self.subTest(verb=verb, path=path):
+                    self.fails(code, message, *line(path))
+        self.assertFalse(os.path.exists(self.path("out.png")))
+
+    def test_damage_in_a_segment_is_found_where_it_is(self):
+        """The head is whole, so info works; what draws the segment does not."""
+        path = self.write("body.stgs", flipped(self.good, len(self.good) - 40))
+        self.succeeds("info", path)
+        self.fails(INVALID, "body.stgs.*checksum", "render", path, "--frames", "0:6", "-o", "null")
+
+    def test_validate_tells_good_from_bad(self):
+        good, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
+        report = self.json_of("validate", good, packed)
+        self.assertTrue(report["valid"])
+        for name in ("huge_bytes", "wrong_sum"):
+            result = self.fails(INVALID, r"\d+ error", "validate", self.fixture(name + ".stgs"),
+                                "--format", "json")
+            report = json.loads(result.stdout)
+            self.check_schema("validate", report)
+            self.assertFalse(report["valid"])
+            self.assertGreater(report["files"][0]["issues"][0]["number"], 0)
+        result = self.fails(IO, "cannot open", "validate", good, self.path("none.stgs"),
+                            "--format", "json")
+        report = json.loads(result.stdout)
+        self.check_schema("validate", report)
+        self.assertTrue(report["files"][0]["valid"])
+        self.assertIn("cannot open", report["files"][1]["unreadable"])
+
+    def test_every_flipped_byte_is_an_error(self):
+        """Flips at a hundred places; validate must answer 3 at each (5: a newer version)."""
+        for i in range(100):
+            at = i * (len(self.good) - 1) // 99
+            path = self.write("flip.stgs", flipped(self.good, at))
+            result = self.stgs("validate", path)
+            self.assertIn(result.returncode, (INVALID, UNSUPPORTED), f"byte {at} flipped")
+
+
+class WrongCaptures(CliTest):
+    def evaluate(self, folder):
+        return ["evaluate", self.fixture("tiny.stgs"), "--against", folder, "--cameras", "all"]
+
+    def test_folders_that_are_no_prepared_capture(self):
+        os.mkdir(self.path("empty"))
+        for folder in (self.path("empty"), self.path("missing"), self.fixture("tiny.stgs")):
+            with self.subTest(folder=folder):
+                self.fails(IO, "is not a prepared capture \\(make one with 'stgs prepare'\\)",
+                           *self.evaluate(folder))
+
+    def test_capture_json_that_is_wrong(self):
+        with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
+            good = json.load(file)
+
+        def changed(**values):
+            return json.dumps({**good, **values})
+
+        camera = good["cameras"][0]
+        cases = [
+            (INVALID, "capture.json: .*parse", "{ not json"),
+            (INVALID, "capture.json: .*stgs_capture", "{}"),
+            (UNSUPPORTED, "capture version 99 is not known", changed(stgs_capture=99)),
+            (INVALID, "has no cameras", changed(cameras=[])),
+            (INVALID, "has no frames", changed(frames=0)),
+            (INVALID, "time_base has a zero", changed(time_base=[0, 30])),
+            (INVALID, "no sane size", changed(cameras=[{**camera, "width": -4}])),
+            (INVALID, "rotation needs 9", changed(cameras=[{**camera, "rotation": [1, 0]}])),
+            (INVALID, "cannot be a camera's folder",
+             changed(cameras=[{**camera, "name": "../../etc"}])),
+        ]
+        for i, (code, message, text) in enumerate(cases):
+            with self.subTest(message=message):
+                folder = self.copy_capture(f"capture{i}")
+                self.write(f"capture{i}/capture.json", text)
+                self.fails(code, message, *self.evaluate(folder))
+
+    def test_frames_that_are_wrong(self):
+        folder = self.copy_capture("missing")
+        os.remove(self.path("missing/frames/b/000003.png"))
+        self.fails(IO, "frames/b/000003.png", *self.evaluate(folder))
+        folder = self.copy_capture("size")
+        self.succeeds("render", self.fixture("tiny.stgs"), "--time", "0", "--size", "32x24", "-o",
+                      self.path("size/frames/a/000002.png"))
+        self.fails(INVALID, "camera 'a' frame 2 is 32x24, but capture.json says 64x48",
+                   *self.evaluate(folder))
+        folder = self.copy_capture("broken")
+        self.write("broken/frames/c/000000.png", b"\x89PNG\r\n\x1a\nrubbish")
+        self.fails(INVALID, "frames/c/000000.png", *self.evaluate(folder))
+
+    def test_camera_files_that_are_wrong(self):
+        def render(camera):
+            return ["render", self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--camera",
+                    camera]
+        good = {"width": 64, "height": 48, "fx": 60, "fy": 60, "cx": 32, "cy": 24,
+                "rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 0]}
+        self.succeeds(*render(self.write("good.json", json.dumps(good))))
+        self.fails(IO, "cannot open this camera file", *render(self.path("none.json")))
+        cases = [
+            ("not a camera", "[]"),
+            ("not a camera: .*width", "{}"),
+            ("not a camera", "{"),
+            ("fx and fy must be positive", json.dumps({**good, "fx": 0})),
+            ("width and height must be 1 to 32768", json.dumps({**good, "height": 1000000})),
+            ("not a rotation matrix", json.dumps({**good, "rotation": [2] * 9})),
+            ("not a rotation matrix", json.dumps({**good, "rotation": [1, 0, 0, 0, 1, 0, 0, 0,
+                                                                       -1]})),
+            ("rotation needs 9 numbers", json.dumps({**good, "rotation": [1]})),
+        ]
+        for message, text in cases:
+            with self.subTest(message=message):
+                self.fails(INVALID, message, *render(self.write("camera.json", text)))
+
+    def test_pictures_that_are_wrong(self):
+        bad = self.write("bad.png", b"not a picture")
+        self.fails(INVALID, "bad.png: cannot decode this picture", "compare", bad, bad)
+        self.fails(IO, "none.png: cannot open", "compare", self.path("none.png"), bad)
+
+
+class Outputs(CliTest):
+    def render(self, output, *more):
+        return ["render", self.fixture("tiny.stgs"), "--frames", "0:1", "-o", output, *more]
+
+    def test_places_that_cannot_be_written(self):
+        self.write("file", b"")
+        os.symlink("/dev/full", self.path("full.png"))
+        cases = [
+            ("the folder 'nowhere' does not exist", "nowhere/out.png"),
+            ("'file' is not a folder", "file/out.png"),
+            ("'.*prepared' is not a folder|does not exist", "file/more/out.png"),
+            ("cannot create", "/proc/out.png"),
+            ("exists and is not a regular file", "full.png"),
+            ("cannot create|does not exist", "/proc/folder/"),
+        ]
+        for message, output in cases:
+            with self.subTest(output=output):
+                self.fails(IO, message, *self.render(output))
+        for name in ("out.y4m", "out.mp4", "out.exr"):
+            with self.subTest(name=name):
+                self.fails(IO, "cannot create", *self.render("/proc/" + name))
+
+    def test_a_full_disk_leaves_the_old_output(self):
+        """A limit on the size of files acts as a full disk does, for any user."""
+        def limit():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        size = ["--size", "640x480", "--log-level", "error"]
+        for name in ("out.png", "out.y4m", "out.exr", "out.mp4"):
+            part = {"out.exr": "exr", "out.mp4": "mp4"}.get(name)
+            if part and not harness.built_in(part):
+                continue
+            with self.subTest(name=name):
+                self.write(name, b"old")
+                result = self.stgs(*self.render(name, *size), preexec_fn=limit)
+                self.assertEqual(result.returncode, IO, result.stderr)
+                self.assertIn(f"{name}: cannot write".encode(), result.stderr)
+                self.assertEqual(self.read(name), b"old")
+                self.no_leftovers()
+        result = self.stgs(*self.render("frames/", *size), preexec_fn=limit)
+        self.assertEqual(result.returncode, IO, result.stderr)
+        self.assertFalse(os.path.exists(self.path("frames")))
+        self.no_leftovers()
+
+    def test_standard_output_that_is_full(self):
+        with open("/dev/full", "wb") as full:
+            self.fails(IO, "standard output: cannot write: No space left", "info",
+                       self.fixture("tiny.stgs"), stdout=full)
+            self.fails(IO, "standard output: cannot write: No space left",
+                       *self.render("-", "--size", "320x240"), stdout=full)
+
+    def test_a_reader_that_goes_away(self):
+        read, write = os.pipe()
+        os.close(read)
+        with os.fdopen(write, "wb") as pipe:
+            self.fails(IO, "standard output: cannot write: Broken pipe",
+                       *self.render("-", "--size", "320x240"), stdout=pipe)
+
+    def test_outputs_are_replaced(self):
+        self.write("out.png", b"old")
+        self.succeeds(*self.render("out.png"))
+        self.assertTrue(self.read("out.png").startswith(b"\x89PNG"))
+        self.succeeds(*self.render("frames/"))
+        self.write("frames/000000.png", b"old")
+        self.write("frames/notes.txt", b"mine")
+        self.succeeds(*self.render("frames/"))
+        self.assertTrue(self.read("frames/000000.png").startswith(b"\x89PNG"))
+        self.assertEqual(self.read("frames/notes.txt"), b"mine")
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is typed wrong, and what --help and --version say."""
+import os
+import re
+import shlex
+import unittest
+
+import harness
+from harness import CliTest
+
+USAGE = 1
+
+
+class Usage(CliTest):
+    def test_wrong_command_lines(self):
+        tiny, prepared = self.fixture("tiny.stgs"), self.fixture("prepared")
+        render = ["render", tiny, "-o", "out.png"]
+        cases = [
+            ("unknown verb 'rendr'; did you mean 'render'", ["rendr", tiny]),
+            ("unknown verb 'zzzzzz'; the verbs are .*validate", ["zzzzzz"]),
+            ("unknown option '--tme'; did you mean '--time'", [*render, "--tme", "0"]),
+            ("unknown option '--format-all'", ["info", tiny, "--format-all"]),
+            ("FILE is required", ["info"]),
+            ("FILE is required", ["validate"]),
+            ("--output is required", ["render", tiny, "--time", "0"]),
+            ("--against is required", ["evaluate", tiny]),
+            ("B is required", ["compare", tiny]),
+            ("not expected: extra", ["info", tiny, "extra"]),
+            ("--format: yaml not in", ["info", tiny, "--format", "yaml"]),
+            ("--progress: often not in", ["info", tiny, "--progress", "often"]),
+            ("--log-level: loud not in", ["info", tiny, "--log-level", "loud"]),
+            ("--backend: abacus not in", ["info", tiny, "--backend", "abacus"]),
+            ("--threads: -1 is out of range", ["info", tiny, "--threads", "-1"]),
+            ("--threads: 'two' is not a number", ["info", tiny, "--threads", "two"]),
+            ("--seed: '-3' is not a whole number", ["info", tiny, "--seed", "-3"]),
+            ("--time: 'soon' is not a number", [*render, "--time", "soon"]),
+            ("--time: 'nan' is not a number", [*render, "--time", "nan"]),
+            ("--time -1 is out of range: .* lasts from 0 to 0.2 s", [*render, "--time", "-1"]),
+            ("--time 7 is out of range", [*render, "--time", "7"]),
+            ("say when: --time SECONDS or --frames", render),
+            ("--(time|frames) excludes --(time|frames)",
+             [*render, "--time", "0", "--frames", "0:1"]),
+            ("frames 0:99 are out of range: there are 6 frames", [*render, "--frames", "0:99"]),
+            ("frames 6: are out of range", [*render, "--frames", "6:"]),
+            ("frames 3:3 hold nothing", [*render, "--frames", "3:3"]),
+            ("'all' is not a range of frames", [*render, "--frames", "all"]),
+            ("'-1:2' is not a range of frames", [*render, "--frames=-1:2"]),
+            ("holds one picture, but 2 are asked for", [*render, "--frames", "0:2"]),
+            ("'12' is not a size", [*render, "--time", "0", "--size", "12"]),
+            ("'0x9' is not a size", [*render, "--time", "0", "--size", "0x9"]),
+            ("'99999x9' is not a size", [*render, "--time", "0", "--size", "99999x9"]),
+            ("'1,2' is not a colour", [*render, "--time", "0", "--background", "1,2"]),
+            ("'1,1,x' is not a colour", [*render, "--time", "0", "--background", "1,1,x"]),
+            ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),
+            ("--beside requires --cameras", [*render, "--time", "0", "--beside"]),
+            ("--which requires --cameras", [*render, "--time", "0", "--which", "all"]),
+            ("--camera(s)? excludes --camera(s)?",
+             [*render, "--time", "0", "--camera", "x.json", "--cameras", prepared]),
+            ("cannot tell what to write; end it in .png", ["render", tiny, "--time", "0", "-o",
+                                                            "out.gif"]),
+            ("holds one camera, but 2 are chosen",
+             ["render", tiny, "--frames", "0:2", "--cameras", prepared, "--which", "train", "-o",
+              "out.y4m"]),
+            ("has no camera 'z'; its cameras are a, b, c",
+             [*render, "--time", "0", "--cameras", prepared, "--which", "z"]),
+            ("needs a moment that .* has a frame of",
+             [*render, "--time", "0.01", "--cameras", prepared, "--beside"]),
+            ("has no start camera; give --camera",
+             ["render", self.fixture("no_camera.stgs"), "--time", "0", "-o", "out.png"]),
+            ("--every: 0 is out of range", ["evaluate", tiny, "--against", prepared, "--every",
+                                            "0"]),
+            ("do not belong together", ["evaluate", self.fixture("longer.stgs"), "--against",
+                                        prepared]),
+            ("are not of one kind", ["compare", tiny, "picture.png"]),
+            ("--min-psnr: 'high' is not a number", ["compare", tiny, tiny, "--min-psnr", "high"]),
+        ]
+        for message, args in cases:
+            with self.subTest(args=args):
+                self.fails(USAGE, message, *args)
+        self.assertEqual(os.listdir(self.work), [])
+
+    def test_no_verb_prints_the_help_on_standard_error(self):
+        result = self.fails(USAGE, "no verb is given")
+        self.assertEqual(result.stdout, b"")
+        self.assertIn(b"evaluate", result.stderr)
+
+    def test_what_is_not_built_in_says_so(self):
+        self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",
+                   self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--backend", "vulkan")
+
+
+class Help(CliTest):
+    def verbs(self):
+        text = self.succeeds("--help").stdout.decode()
+        return re.findall(r"^  (\w+)  ", text.split("Subcommands:")[1], re.M)
+
+    def test_each_verb_teaches(self):
+        self.assertGreaterEqual(len(self.verbs()), 5)
+        for verb in self.verbs():
+            with self.subTest(verb=verb):
+                text = self.succeeds(verb, "--help").stdout.decode()
+                self.assertRegex(text, rf"Example:\n  stgs {verb} ")
+                self.assertIn("Exit codes: 0 ok, 1 usage", text)
+                for option in ("--format", "--progress", "--threads", "--seed", "--log-level",
+                               "--backend"):
+                    self.assertIn(option, text)
+
+    def test_options_of_the_design_are_there(self):
+        expected = {
+            "prepare": "--layout --frames --scale --test-cameras --fps --output",
+            "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
+                     "--ablate --set --log --output",
+            "pack": "--quality --output",
+            "encode": "--layout --frames --preset --iterations --quality --keep-work --output",
+            "render": "--camera --cameras --which --time --frames --size --background --beside "
+                      "--output",
+            "evaluate": "--against --cameras --every",
+            "compare": "--min-psnr",
+        }
+        for verb in self.verbs():
+            text = self.succeeds(verb, "--help").stdout.decode()
+            for option in expected.get(verb, "").split():
+                self.assertRegex(text, rf"{option}\b", verb)
+
+    def test_version(self):
+        text = self.succeeds("--version").stdout.decode()
+        self.assertRegex(text, r"^stgs \d+\.\d+\.\d+\nformat: \d+\.\d+\nvector target: \w+\n"
+                               r"backends: cpu\nbuilt in:")
+
+    def test_commands_of_the_readme_parse(self):
+        """Every `stgs VERB ...` line in the README uses verbs and options that exist."""
+        path = os.path.join(harness.SOURCE, "README.md")
+        if not os.path.exists(path):
+            self.skipTest("no README.md")
+        with open(path, encoding="utf-8") as file:
+            text = file.read().replace("\\\n", " ")
+        commands = re.findall(r"^\s*(?:\$ )?(?:\./)?(?:build/\w+/bin/)?stgs (.+)$", text, re.M)
+        self.assertTrue(commands, "the README shows no command")
+        for command in commands:
+            words = shlex.split(re.split(r"\s[|>#]", command)[0])
+            if words[0].startswith("-"):
+                continue
+            self.assertIn(words[0], self.verbs(), command)
+            help_text = self.succeeds(words[0], "--help").stdout.decode()
+            for word in words[1:]:
+                if re.match(r"--?[a-z]", word):
+                    self.assertRegex(help_text, rf"(?<![\w-]){word.split('=')[0]}\b", command)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the verbs that read a scene do when all is well."""
+import json
+import os
+import signal
+import subprocess
+import unittest
+
+import harness
+from harness import CliTest
+
+
+class Reading(CliTest):
+    def test_info(self):
+        info = self.json_of("info", self.fixture("tiny.stgs"))
+        self.assertEqual(info["primitives"], 400)
+        self.assertEqual(info["bytes"], os.path.getsize(self.fixture("tiny.stgs")))
+        self.assertAlmostEqual(info["bytes_per_primitive"], info["bytes"] / 400)
+        self.assertAlmostEqual(info["duration_s"], 0.2)
+        self.assertEqual(info["profile"], "lossless")
+        self.assertEqual(sum(s["primitives"] for s in info["segments"]), 400)
+        self.assertEqual(sum(s["raw_bytes"] for s in info["streams"]), 400 * 4 * (17 + 4 * 3))
+        packed = self.json_of("info", self.fixture("packed.stgs"))
+        self.assertEqual(packed["profile"], "quantised")
+        self.assertLess(packed["bytes"], info["bytes"])
+        text = self.succeeds("info", self.fixture("tiny.stgs")).stdout.decode()
+        self.assertIn("400", text)
+        self.assertIn("position", text)
+
+    def test_evaluate(self):
+        report = self.json_of("evaluate", self.fixture("tiny.stgs"), "--against",
+                              self.fixture("prepared"), "--cameras", "all")
+        self.assertEqual(report["pictures"], 18)
+        self.assertEqual([v["camera"] for v in report["views"]], ["a", "b", "c"])
+        # The truth is this scene's own rendering in 8 bits: what is left is rounding, 1/12 LSB^2.
+        self.assertGreater(report["psnr"], 58)
+        self.assertGreaterEqual(report["psnr_cc"], report["psnr"])
+        self.assertGreater(report["ssim"], 0.99)
+        some = self.json_of("evaluate", self.fixture("packed.stgs"), "--against",
+                            self.fixture("prepared"), "--every", "4")
+        self.assertEqual(some["pictures"], 2)
+        self.assertGreater(some["psnr"], 25)
+        self.assertLess(some["psnr"], report["psnr"])
+
+    def test_results_do_not_depend_on_threads(self):
+        args = ["evaluate", self.fixture("packed.stgs"), "--against", self.fixture("prepared"),
+                "--cameras", "all"]
+        one, two = self.json_of(*args, "--threads", "1"), self.json_of(*args, "--threads", "2")
+        for report in (one, two):
+            del report["peak_memory"]
+        self.assertEqual(one, two)
+
+    def test_compare(self):
+        tiny, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
+        same = self.json_of("compare", tiny, tiny, "--min-psnr", "100")
+        self.assertEqual(same["psnr"], 100)
+        self.assertEqual(same["max_difference"], 0)
+        near = self.json_of("compare", tiny, packed)
+        self.assertEqual(near["primitives"][0], 400)
+        self.assertGreater(near["primitives"][1], 390)  # packing drops what is never visible
+        self.assertLess(near["psnr"], 100)
+        self.fails(7, "is below 99", "compare", tiny, packed, "--min-psnr", "99")
+        self.fails(7, "lasts", "compare", tiny, self.fixture("longer.stgs"))
+        self.succeeds("render", tiny, "--time", "0", "-o", "a.png")
+        self.succeeds("render", tiny, "--time", "0.1", "-o", "b.png")
+        self.assertLess(self.json_of("compare", "a.png", "b.png")["psnr"], 60)
+        self.succeeds("render", tiny, "--time", "0", "--size", "32x24", "-o", "small.png")
+        self.fails(7, "a.png is 64x48, small.png is 32x24", "compare", "a.png", "small.png")
+        if harness.built_in("exr"):
+            self.succeeds("render", tiny, "--time", "0", "-o", "a.exr")
+            # Half floats and linear light cost less than rounding to 8 bits.
+            self.assertGreater(self.json_of("compare", "a.png", "a.exr")["psnr"], 55)
+
+
+class Rendering(CliTest):
+    def test_pictures_agree_whatever_names_the_camera(self):
+        tiny = self.fixture("tiny.stgs")
+        info = self.json_of("info", tiny)
+        self.write("info.json", json.dumps(info))
+        self.write("start.json", json.dumps(info["start_camera"]))
+        self.succeeds("render", tiny, "--time", "0", "-o", "default.png")
+        for camera in ("info.json", "start.json"):
+            self.succeeds("render", tiny, "--time", "0", "--camera", camera, "-o", "out.png")
+            self.assertEqual(self.read("out.png"), self.read("default.png"))
+        self.succeeds("render", tiny, "--frames", "0:1", "--cameras", self.fixture("prepared"),
+                      "--which", "b", "-o", "out.png")
+        self.assertEqual(self.read("out.png"), self.read("default.png"))
+        with open(os.path.join(self.fixture("prepared"), "frames/b/000000.png"), "rb") as file:
+            self.assertEqual(file.read(), self.read("default.png"))
+
+    def test_a_folder_of_cameras(self):
+        report = self.json_of("render", self.fixture("tiny.stgs"), "--frames", "0:", "--cameras",
+                              self.fixture("prepared"), "--which", "all", "-o", "out/")
+        self.assertEqual(report["pictures"], 18)
+        self.assertEqual(sorted(os.listdir(self.path("out"))), ["a", "b", "c"])
+        self.assertEqual(len(os.listdir(self.path("out", "c"))), 6)
+        self.assertGreater(report["peak_memory"], 1 << 20)
+
+    def test_y4m_holds_the_frames_it_says(self):
+        result = self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "1:4", "-o", "-")
+        header, rest = result.stdout.split(b"\n", 1)
+        self.assertEqual(header, b"YUV4MPEG2 W64 H48 F30:1 Ip A1:1 C444 XCOLORRANGE=LIMITED")
+        self.assertEqual(len(rest), 3 * (len(b"FRAME\n") + 3 * 64 * 48))
+        self.assertIn(b"3 picture(s)", result.stderr)
+        self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "1:4", "-o", "out.y4m")
+        self.assertEqual(self.read("out.y4m"), result.stdout)
+
+    def test_a_white_y4m_is_white(self):
+        empty = ["render", self.fixture("tiny.stgs"), "--time", "0", "--camera", "away.json"]
+        self.write("away.json", json.dumps({
+            "width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8,
+            "rotation": [-1, 0, 0, 0, 1, 0, 0, 0, -1], "translation": [0, 0, -50]}))
+        result = self.succeeds(*empty, "--background", "1,1,1", "-o", "-")
+        frame = result.stdout.split(b"FRAME\n")[1]
+        self.assertEqual(set(frame[:256]), {235})
+        self.assertEqual(set(frame[256:]), {128})
+
+    def test_beside_doubles_the_width(self):
+        self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "2:3", "--cameras",
+                      self.fixture("prepared"), "--beside", "-o", "both.png")
+        width, height = (int.from_bytes(self.read("both.png")[i:i + 4], "big") for i in (16, 20))
+        self.assertEqual((width, height), (128, 48))
+
+    def test_mp4_has_its_frames(self):
+        if not harness.built_in("mp4"):
+            self.fails(6, "has no mp4", "render", self.fixture("tiny.stgs"), "--frames", "0:2",
+                       "-o", "out.mp4")
+            return
+        self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "0:6", "-o", "out.mp4")
+        self.assertIn(b"ftyp", self.read("out.mp4")[:16])
+        self.fails(1, "mp4 needs even sides, not 33x24", "render", self.fixture("tiny.stgs"),
+                   "--frames", "0:2", "--size", "33x24", "-o", "odd.mp4")
+
+    def test_exr_is_an_exr(self):
+        if not harness.built_in("exr"):
+            self.fails(6, "has no EXR", "render", self.fixture("tiny.stgs"), "--time", "0", "-o",
+                       "out.exr")
+            return
+        self.succeeds("render", self.fixture("tiny.stgs"), "--time", "0", "-o", "out.exr")
+        data = self.read("out.exr")
+        self.assertEqual(data[:4], b"\x76\x2f\x31\x01")
+        for channel in (b"R\0\1", b"A\0\1", b"Z\0\2"):  # 1: half, 2: float
+            self.assertIn(channel, data[:1000])
+
+    def test_progress_lines_follow_their_schema(self):
+        result = self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "0:6", "-o", "null",
+                               "--progress", "json")
+        lines = [json.loads(line) for line in result.stderr.decode().splitlines()]
+        for line in lines:
+            self.check_schema("progress", line)
+        self.assertEqual(lines[-1]["done"], 1)
+
+    def test_an_interrupted_video_leaves_nothing(self):
+        self.write("out.y4m", b"old")
+        args = [harness.STGS, "render", self.fixture("tiny.stgs"), "--frames", "0:6", "--size",
+                "3840x2160", "-o", "out.y4m", "--progress", "json"]
+        with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+            process.stderr.readline()  # the first frame is done
+            process.send_signal(signal.SIGINT)
+            error = process.stderr.read().decode()
+        self.assertEqual(process.returncode, 4, error)
+        self.assertIn("interrupted", error)
+        self.assertEqual(self.read("out.y4m"), b"old")
+        self.no_leftovers()
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "command.h"
+#include "encode_options.h"
+#include "output_file.h"
+
+namespace stgs::tools {
+namespace {
+
+class Encode final : public Command {
+ public:
+  Help help() const override {
+    return {"encode", "From a capture to a .stgs file: prepare, train and pack in one go",
+            "Works in a temporary folder beside the output, removed at the end; --keep-work keeps\n"
+            "the prepared capture and the lossless scene instead. Takes the options of the three\n"
+            "verbs. Ctrl-C stops it; an output that was there before stays as it was.",
+            "  stgs encode capture/ -o scene.stgs\n"
+            "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
+    app.add_option("-o,--output", output_, "The .stgs file to make")->required();
+    app.add_option("--keep-work", keep_work_,
+                   "Folder that keeps prepared/ and trained.stgs afterwards");
+    prepare_.declare(app);
+    train_.declare(app);
+    pack_.declare(app);
+  }
+
+  Status run(Session& session) override {
+    STGS_ASSIGN(const auto training, train_.settings(session.options));
+    STGS_TRY(check_can_write(output_));
+    const std::string work = keep_work_.empty() ? temporary_name(output_) + ".work" : keep_work_;
+    std::error_code error;
+    std::filesystem::create_directories(work, error);
+    if (error) return io_error("{}: cannot create: {}", work, error.message());
+    RemovedPath removed(keep_work_.empty() ? work : "");
+    const std::string prepared = work + "/prepared", trained = work + "/trained.stgs";
+    encoder::TrainReport train_report;
+    encoder::PackReport pack_report;
+    double seconds[3] = {};
+    double begin = now_seconds();
+    const auto lap = [&begin] {
+      const double then = std::exchange(begin, now_seconds());
+      return begin - then;
+    };
+    STGS_TRY(prepare_stage(capture_, prepared, prepare_, {train_.ablate() == "split"}, session));
+    seconds[0] = lap();
+    STGS_TRY(train_to_file(prepared, trained, training, session, train_report));
+    seconds[1] = lap();
+    if (interrupted()) return runtime_error("stopped before packing");
+    STGS_TRY(encoder::pack(trained, output_, pack_.settings(), &pack_report));
+    seconds[2] = lap();
+    return report(session, train_report, pack_report, seconds);
+  }
+
+ private:
+  Status report(Session& session, const encoder::TrainReport& train,
+                const encoder::PackReport& pack, const double* seconds) const {
+    const Json json = {
+        {"output", output_},
+        {"primitives", pack.primitives},
+        {"bytes", pack.bytes_out},
+        {"bytes_per_primitive", pack.bytes_per_primitive},
+        {"seconds", {{"prepare", seconds[0]}, {"train", seconds[1]}, {"pack", seconds[2]}}},
+        {"train", to_json(train)},
+        {"pack", to_json(pack)},
+        {"work", keep_work_.empty() ? Json(nullptr) : Json(keep_work_)},
+        {"peak_memory", peak_memory()}};
+    return session.emit(
+        json, fmt::format("{}: {} primitives, {}, {:.1f} bytes a primitive\n"
+                          "prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
+                          "{}\n",
+                          output_, pack.primitives, human_bytes(pack.bytes_out),
+                          pack.bytes_per_primitive, seconds[0], seconds[1], train.iterations,
+                          seconds[2], human_bytes(peak_memory())));
+  }
+
+  std::string capture_, output_, keep_work_;
+  PrepareOptions prepare_;
+  TrainOptions train_;
+  PackOptions pack_;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_encode() {
+  return std::make_unique<Encode>();
+}
+
+}  // namespace stgs::tools

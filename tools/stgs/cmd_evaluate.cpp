@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+
+#include "camera_file.h"
+#include "command.h"
+#include "metrics.h"
+#include "options.h"
+#include "picture.h"
+#include "stgs/player/renderer.h"
+
+namespace stgs::tools {
+namespace {
+
+struct Scores {
+  double mse = 0, psnr = 0, psnr_cc = 0, ssim = 0, ssim_2 = 0;
+};
+
+// Means over frames, and the PSNR of the mean squared error.
+Scores mean_of(const std::vector<Scores>& all) {
+  Scores mean;
+  for (const Scores& s : all) {
+    mean.mse += s.mse;
+    mean.psnr += s.psnr;
+    mean.psnr_cc += s.psnr_cc;
+    mean.ssim += s.ssim;
+    mean.ssim_2 += s.ssim_2;
+  }
+  const auto n = static_cast<double>(all.size());
+  return {mean.mse / n, mean.psnr / n, mean.psnr_cc / n, mean.ssim / n, mean.ssim_2 / n};
+}
+
+Json to_json(const Scores& s) {
+  return {{"psnr", s.psnr},
+          {"psnr_cc", s.psnr_cc},
+          {"psnr_pooled", psnr_of(s.mse)},
+          {"ssim", s.ssim},
+          {"ssim_2", s.ssim_2}};
+}
+
+Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
+                     const encoder::Camera& camera, int frame) {
+  STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
+  const Image truth = to_float(loaded);
+  STGS_ASSIGN(const Ssim similarity, ssim(picture, truth));
+  Scores s;
+  s.mse = mean_squared_error(picture, truth);
+  s.psnr = psnr_of(s.mse);
+  s.psnr_cc = psnr_of(colour_corrected_error(picture, truth));
+  s.ssim = similarity.range_1;
+  s.ssim_2 = similarity.range_2;
+  return s;
+}
+
+// One camera at one frame, on its way from the renderer to its scores.
+struct Job {
+  std::size_t camera = 0;
+  int frame = 0;
+  Image picture;
+};
+
+class Evaluate final : public Command {
+ public:
+  Help help() const override {
+    return {
+        "evaluate", "Measure a .stgs file against a prepared capture",
+        "Renders the chosen cameras at every frame of the capture and compares with its\n"
+        "pictures. The render is clamped to [0,1] and not rounded to 8 bits. psnr: mean of the\n"
+        "pictures' PSNR; psnr_pooled: PSNR of the mean squared error of all; psnr_cc: after\n"
+        "the affine colour map (3x4, render to truth) that is best for each picture; ssim:\n"
+        "11x11 Gaussian window of sigma 1.5, mean over RGB and over windows inside the\n"
+        "picture, data range 1; ssim_2: the same with data range 2.",
+        "  stgs evaluate scene.stgs --against prepared/\n"
+        "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
+  }
+
+  void declare(CLI::App& app) override {
+    app.add_option("FILE", file_, "The .stgs file")->required();
+    app.add_option("--against", folder_, "Prepared capture")->required();
+    app.add_option("--cameras", which_, "test, train, all, or names with commas")
+        ->capture_default_str();
+    app.add_option("--every", every_, "Only every Nth frame, from the first")
+        ->check(number_between(1, 1e9))
+        ->capture_default_str();
+  }
+
+  Status run(Session& session) override {
+    STGS_ASSIGN(auto timeline, player::Timeline::open(file_));
+    STGS_ASSIGN(capture_, encoder::read_prepared_capture(folder_));
+    STGS_TRY(check_match(timeline->metadata()));
+    STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
+    STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
+    STGS_TRY(measure(session, *timeline, *renderer));
+    return report(session);
+  }
+
+ private:
+  Status check_match(const SceneMetadata& metadata) const {
+    if (static_cast<int>(metadata.frames) != capture_.frames ||
+        !(metadata.time_base == capture_.time_base)) {
+      return usage_error(
+          "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", file_,
+          metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator, folder_,
+          capture_.frames, capture_.time_base.numerator, capture_.time_base.denominator);
+    }
+    return {};
+  }
+
+  // Renders one picture after the other (each with all threads) while earlier ones are scored; only
+  // as many pictures as there are threads are held.
+  Status measure(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
+    const auto frames = static_cast<std::size_t>((capture_.frames + every_ - 1) / every_);
+    const std::size_t total = frames * cameras_.size();
+    scores_.assign(cameras_.size(), std::vector<Scores>(frames));
+    std::size_t next = 0;
+    Status rendering;
+    std::vector<Status> scoring(total);
+    const auto render = [&](tbb::flow_control& flow) -> std::shared_ptr<Job> {
+      if (next == total || !rendering.ok()) {
+        flow.stop();
+        return nullptr;
+      }
+      auto job = std::make_shared<Job>();
+      // All cameras of a moment together: what is alive is decoded once.
+      job->camera = next % cameras_.size();
+      job->frame = static_cast<int>(next / cameras_.size()) * every_;
+      ++next;
+      rendering = draw(timeline, renderer, *job);
+      if (rendering.ok() && !session.progress("evaluate", next, total)) {
+        rendering = runtime_error("the evaluation is not complete");
+      }
+      return job;
+    };
+    const auto compare = [&](const std::shared_ptr<Job>& job) {
+      if (job->picture.data.empty()) return;
+      const auto frame = static_cast<std::size_t>(job->frame / every_);
+      auto result = score(job->picture, capture_, cameras_[job->camera], job->frame);
+      if (result.ok()) {
+        scores_[job->camera][frame] = *result;
+      } else {
+        scoring[frame * cameras_.size() + job->camera] = result.status();
+      }
+    };
+    const auto held = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1;
+    tbb::parallel_pipeline(
+        held,
+        tbb::make_filter<void, std::shared_ptr<Job>>(tbb::filter_mode::serial_in_order, render) &
+            tbb::make_filter<std::shared_ptr<Job>, void>(tbb::filter_mode::parallel, compare));
+    STGS_TRY(rendering);
+    for (const Status& status : scoring) STGS_TRY(status);
+    return {};
+  }
+
+  Status draw(player::Timeline& timeline, player::Renderer& renderer, Job& job) {
+    const SceneMetadata& metadata = timeline.metadata();
+    const float* b = metadata.background;
+    const player::View view{cameras_[job.camera].pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
+    std::vector<player::Frame> frames;
+    STGS_TRY(
+        renderer.render(timeline, metadata.time_base.seconds(job.frame), {view}, frames, nullptr));
+    job.picture = std::move(frames[0].colour);
+    for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
+    return {};
+  }
+
+  Status report(Session& session) const {
+    std::vector<Scores> all;
+    Json views = Json::array();
+    std::string text = fmt::format("{:<16} {:>9} {:>7} {:>8} {:>8} {:>8} {:>8}\n", "camera", "size",
+                                   "frames", "psnr", "psnr_cc", "ssim", "ssim_2");
+    const auto row = [&text](const std::string& name, const std::string& size, std::size_t frames,
+                             const Scores& s) {
+      text += fmt::format("{:<16} {:>9} {:>7} {:>8.3f} {:>8.3f} {:>8.4f} {:>8.4f}\n", name, size,
+                          frames, s.psnr, s.psnr_cc, s.ssim, s.ssim_2);
+    };
+    for (std::size_t c = 0; c < cameras_.size(); ++c) {
+      const encoder::Camera& camera = cameras_[c];
+      const Scores mean = mean_of(scores_[c]);
+      all.insert(all.end(), scores_[c].begin(), scores_[c].end());
+      Json view = {{"camera", camera.name},
+                   {"width", camera.width},
+                   {"height", camera.height},
+                   {"frames", scores_[c].size()}};
+      view.update(to_json(mean));
+      views.push_back(view);
+      row(camera.name, fmt::format("{}x{}", camera.width, camera.height), scores_[c].size(), mean);
+    }
+    const Scores mean = mean_of(all);
+    row("mean", "", all.size(), mean);
+    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n", psnr_of(mean.mse),
+                        human_bytes(peak_memory()));
+    Json json = {{"file", file_},
+                 {"against", folder_},
+                 {"cameras", which_},
+                 {"every", every_},
+                 {"pictures", all.size()}};
+    json.update(to_json(mean));
+    json["views"] = views;
+    json["peak_memory"] = peak_memory();
+    return session.emit(json, text);
+  }
+
+  std::string file_, folder_, which_ = "test";
+  int every_ = 1;
+  encoder::PreparedCapture capture_;
+  std::vector<encoder::Camera> cameras_;
+  std::vector<std::vector<Scores>> scores_;  // camera, frame
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_evaluate() {
+  return std::make_unique<Evaluate>();
+}
+
+}  // namespace stgs::tools

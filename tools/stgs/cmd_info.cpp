@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+
+#include "camera_file.h"
+#include "command.h"
+#include "stgs/format/scene_file.h"
+
+namespace stgs::tools {
+namespace {
+
+const char* profile_name(Profile profile) {
+  return profile == Profile::kLossless ? "lossless" : "quantised";
+}
+
+double bytes_per_primitive(const SceneReader& reader) {
+  return reader.primitives() == 0
+             ? 0
+             : static_cast<double>(reader.file_bytes()) / static_cast<double>(reader.primitives());
+}
+
+Json segments_json(const SceneReader& reader) {
+  Json segments = Json::array();
+  for (const SegmentInfo& segment : reader.segments()) {
+    const TimeBase& base = reader.metadata().time_base;
+    segments.push_back({{"level", segment.level},
+                        {"begin_s", base.seconds(segment.begin_ticks)},
+                        {"end_s", base.seconds(segment.end_ticks)},
+                        {"primitives", segment.primitives},
+                        {"offset", segment.offset},
+                        {"bytes", segment.bytes}});
+  }
+  return segments;
+}
+
+Json to_json(const SceneReader& reader, const std::string& path) {
+  const SceneMetadata& m = reader.metadata();
+  Json json = {{"file", path},
+               {"version", fmt::format("{}.{}", reader.version_major(), reader.version_minor())},
+               {"profile", profile_name(reader.profile())},
+               {"bytes", reader.file_bytes()},
+               {"primitives", reader.primitives()},
+               {"bytes_per_primitive", bytes_per_primitive(reader)},
+               {"sh_degree", reader.sh_degree()},
+               {"frames", m.frames},
+               {"fps", 1.0 / m.time_base.seconds(1)},
+               {"duration_s", m.time_base.seconds(m.frames)},
+               {"time_base", {m.time_base.numerator, m.time_base.denominator}},
+               {"bounds",
+                {{"min", std::vector<float>(m.bounds_min, m.bounds_min + 3)},
+                 {"max", std::vector<float>(m.bounds_max, m.bounds_max + 3)}}},
+               {"metric", m.metric},
+               {"background", std::vector<float>(m.background, m.background + 3)},
+               {"near_plane", m.near_plane},
+               {"generator", m.generator},
+               {"title", m.title},
+               {"start_camera", nullptr},
+               {"segments", segments_json(reader)},
+               {"streams", Json::array()}};
+  if (m.start_camera) json["start_camera"] = camera_json(*m.start_camera);
+  for (const StreamInfo& stream : reader.streams()) {
+    json["streams"].push_back(
+        {{"name", stream.name}, {"bytes", stream.bytes}, {"raw_bytes", stream.raw_bytes}});
+  }
+  return json;
+}
+
+std::string to_text(const SceneReader& reader, const std::string& path) {
+  const SceneMetadata& m = reader.metadata();
+  std::string out = fmt::format(
+      "{}\n"
+      "  format           {}.{}, {}\n"
+      "  size             {} ({} bytes)\n"
+      "  primitives       {}, {:.1f} bytes each, harmonics to degree {}\n"
+      "  duration         {:.3f} s, {} frames at {:.6g} a second\n"
+      "  bounds           {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}{}\n",
+      path, reader.version_major(), reader.version_minor(), profile_name(reader.profile()),
+      human_bytes(reader.file_bytes()), reader.file_bytes(), reader.primitives(),
+      bytes_per_primitive(reader), reader.sh_degree(), m.time_base.seconds(m.frames), m.frames,
+      1.0 / m.time_base.seconds(1), m.bounds_min[0], m.bounds_min[1], m.bounds_min[2],
+      m.bounds_max[0], m.bounds_max[1], m.bounds_max[2], m.metric ? " m" : "");
+  if (m.start_camera) {
+    out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
+  }
+  if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);
+  if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);
+  out += "\n  segment  level         from s        to s  primitives       bytes\n";
+  for (std::size_t i = 0; i < reader.segments().size(); ++i) {
+    const SegmentInfo& s = reader.segments()[i];
+    out += fmt::format("  {:>7}  {:>10}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}\n", i,
+                       s.level < 0 ? std::string("persistent") : std::to_string(s.level),
+                       m.time_base.seconds(s.begin_ticks), m.time_base.seconds(s.end_ticks),
+                       s.primitives, s.bytes);
+  }
+  out += "\n  stream                  bytes   share   of raw\n";
+  for (const StreamInfo& s : reader.streams()) {
+    const auto share = [](std::uint64_t part, std::uint64_t whole) {
+      return whole == 0 ? 0 : 100.0 * static_cast<double>(part) / static_cast<double>(whole);
+    };
+    out += fmt::format("  {:<16} {:>12}  {:4.1f} %   {:4.1f} %\n", s.name, s.bytes,
+                       share(s.bytes, reader.file_bytes()), share(s.bytes, s.raw_bytes));
+  }
+  return out;
+}
+
+class Info final : public Command {
+ public:
+  Help help() const override {
+    return {"info", "What is in a .stgs file",
+            "Reads header, metadata and index only, so it is quick on any size. Tells primitives,\n"
+            "bytes by segment and by attribute, duration, bounds and the start camera.",
+            "  stgs info scene.stgs\n  stgs info scene.stgs --format json"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("FILE", path_, "The .stgs file")->required();
+  }
+  Status run(Session& session) override {
+    STGS_ASSIGN(const auto reader, SceneReader::open(path_));
+    return session.emit(to_json(*reader, path_), to_text(*reader, path_));
+  }
+
+ private:
+  std::string path_;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_info() {
+  return std::make_unique<Info>();
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+
+#include "command.h"
+#include "encode_options.h"
+#include "output_file.h"
+
+namespace stgs::tools {
+namespace {
+
+class Pack final : public Command {
+ public:
+  Help help() const override {
+    return {"pack", "Compress a trained scene",
+            "Writes the quantised profile: lifespan segments, bounded errors, a stream an\n"
+            "attribute. Decodes what it wrote and tells the errors that it measured.",
+            "  stgs pack trained.stgs -o scene.stgs\n"
+            "  stgs pack trained.stgs -o small.stgs --quality 60"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("SCENE", input_, "A lossless .stgs file")->required();
+    app.add_option("-o,--output", output_, "The .stgs file to make")->required();
+    options_.declare(app);
+  }
+  Status run(Session& session) override {
+    STGS_TRY(check_can_write(output_));
+    encoder::PackReport report;
+    const double begin = now_seconds();
+    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report));
+    Json json = {{"input", input_}, {"output", output_}, {"seconds", now_seconds() - begin}};
+    json.update(to_json(report));
+    json["peak_memory"] = peak_memory();
+    return session.emit(
+        json, fmt::format(
+                  "{}: {} primitives, {} to {}, {:.1f} bytes a primitive\n"
+                  "errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} "
+                  "at most\n",
+                  output_, report.primitives, human_bytes(report.bytes_in),
+                  human_bytes(report.bytes_out), report.bytes_per_primitive, report.position_max,
+                  report.position_rms, report.colour_rms, report.opacity_max));
+  }
+
+ private:
+  std::string input_, output_;
+  PackOptions options_;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_pack() {
+  return std::make_unique<Pack>();
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+
+#include "command.h"
+#include "encode_options.h"
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::tools {
+namespace {
+
+class Prepare final : public Command {
+ public:
+  Help help() const override {
+    return {"prepare", "Make a prepared capture from videos or pictures",
+            "Reads cameras and frames in a layout that people already have (or calibrates with\n"
+            "COLMAP), undistorts, finds what moves, and makes the initial points. The prepared\n"
+            "capture is a folder that 'train' and 'evaluate' read; look at its report/index.html.",
+            "  stgs prepare capture/ -o prepared/\n"
+            "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
+    app.add_option("-o,--output", output_, "Folder to make")->required();
+    options_.declare(app);
+  }
+  Status run(Session& session) override {
+    const double begin = now_seconds();
+    STGS_TRY(prepare_stage(capture_, output_, options_, {}, session));
+    STGS_ASSIGN(const auto prepared, encoder::read_prepared_capture(output_));
+    const auto test = std::count_if(prepared.cameras.begin(), prepared.cameras.end(),
+                                    [](const encoder::Camera& c) { return c.test; });
+    const double seconds = now_seconds() - begin;
+    const Json json = {{"output", output_},
+                       {"source", prepared.source},
+                       {"cameras", prepared.cameras.size()},
+                       {"test_cameras", test},
+                       {"frames", prepared.frames},
+                       {"fps", 1.0 / prepared.time_base.seconds(1)},
+                       {"seconds", seconds},
+                       {"peak_memory", peak_memory()}};
+    return session.emit(
+        json, fmt::format("{}: {} cameras ({} held out), {} frames at {:.6g} a second, from {}, "
+                          "{:.1f} s, peak memory {}\n",
+                          output_, prepared.cameras.size(), test, prepared.frames,
+                          1.0 / prepared.time_base.seconds(1), prepared.source, seconds,
+                          human_bytes(peak_memory())));
+  }
+
+ private:
+  std::string capture_, output_;
+  PrepareOptions options_;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_prepare() {
+  return std::make_unique<Prepare>();
+}
+
+}  // namespace stgs::tools

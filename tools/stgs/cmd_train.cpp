@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "command.h"
+#include "encode_options.h"
+#include "output_file.h"
+
+namespace stgs::tools {
+namespace {
+
+class Train final : public Command {
+ public:
+  Help help() const override {
+    return {
+        "train", "Train a scene from a prepared capture",
+        "Optimises the primitives against the training cameras and writes a lossless .stgs\n"
+        "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
+        "for, is written, the scene is not. The same seed gives the same scene.",
+        "  stgs train prepared/ -o scene.stgs --preset fast\n"
+        "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
+        "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("DIR", folder_, "Prepared capture");
+    app.add_option("-o,--output", output_, "The lossless .stgs file to make");
+    options_.declare(app);
+    app.add_flag("--list-parameters", list_, "List what --set takes for the preset, and end");
+  }
+  Status run(Session& session) override {
+    if (list_) return list(session);
+    if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
+    if (output_.empty()) return usage_error("--output, the file to make, is required");
+    STGS_ASSIGN(const auto settings, options_.settings(session.options));
+    STGS_TRY(check_can_write(output_));
+    encoder::TrainReport report;
+    STGS_TRY(train_to_file(folder_, output_, settings, session, report));
+    const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
+    Json json = {{"output", output_}};
+    json.update(to_json(report));
+    json["bytes"] = bytes;
+    return session.emit(
+        json, fmt::format("{}: {} primitives, {}, {} steps in {:.1f} s, loss {:.5f}, peak memory "
+                          "{}\n",
+                          output_, report.primitives, human_bytes(bytes), report.iterations,
+                          report.seconds, report.final_loss, human_bytes(peak_memory())));
+  }
+
+ private:
+  Status list(Session& session) const {
+    Json parameters = Json::object();
+    std::string text;
+    for (const auto& [name, value] : encoder::hyper_parameters(options_.preset())) {
+      parameters[name] = value;
+      text += fmt::format("{:<32} {}\n", name, value);
+    }
+    return session.emit({{"preset", options_.preset()}, {"parameters", parameters}}, text);
+  }
+
+  std::string folder_, output_;
+  TrainOptions options_;
+  bool list_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_train() {
+  return std::make_unique<Train>();
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+
+#include "command.h"
+#include "stgs/format/scene_file.h"
+
+namespace stgs::tools {
+namespace {
+
+struct Verdict {
+  std::string path;
+  Status unreadable;  // set where the file could not be read at all
+  std::vector<Issue> issues;
+
+  int errors() const {
+    return static_cast<int>(
+        std::count_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; }));
+  }
+  bool valid() const { return unreadable.ok() && errors() == 0; }
+};
+
+Verdict judge(const std::string& path) {
+  Verdict verdict;
+  verdict.path = path;
+  auto source = open_file(path);
+  if (!source.ok()) {
+    verdict.unreadable = source.status();
+    return verdict;
+  }
+  auto issues = validate_scene(**source);
+  if (issues.ok()) {
+    verdict.issues = std::move(issues).value();
+  } else {
+    verdict.unreadable = issues.status();
+  }
+  return verdict;
+}
+
+Json to_json(const std::vector<Verdict>& verdicts) {
+  Json files = Json::array();
+  bool all = true;
+  for (const Verdict& verdict : verdicts) {
+    Json issues = Json::array();
+    for (const Issue& issue : verdict.issues) {
+      issues.push_back({{"number", issue.number},
+                        {"severity", issue.error ? "error" : "warning"},
+                        {"offset", issue.offset},
+                        {"message", issue.message}});
+    }
+    Json file = {{"file", verdict.path}, {"valid", verdict.valid()}, {"issues", issues}};
+    if (!verdict.unreadable.ok()) file["unreadable"] = verdict.unreadable.message();
+    files.push_back(file);
+    all = all && verdict.valid();
+  }
+  return {{"valid", all}, {"files", files}};
+}
+
+std::string to_text(const std::vector<Verdict>& verdicts) {
+  std::string out;
+  for (const Verdict& verdict : verdicts) {
+    if (!verdict.unreadable.ok()) {
+      out += verdict.unreadable.message() + "\n";
+      continue;
+    }
+    for (const Issue& issue : verdict.issues) {
+      out += fmt::format("{}: byte {}: {} {}: {}\n", verdict.path, issue.offset,
+                         issue.error ? "error" : "warning", issue.number, issue.message);
+    }
+    if (verdict.valid()) out += fmt::format("{}: valid\n", verdict.path);
+  }
+  return out;
+}
+
+class Validate final : public Command {
+ public:
+  Help help() const override {
+    return {"validate", "Check .stgs files against the format",
+            "Checks structure, checksums, limits and values, and lists what it finds by number\n"
+            "(spec/conformance.md). Exit code 3 where a file has an error, 2 where one cannot be\n"
+            "read.",
+            "  stgs validate scene.stgs other.stgs"};
+  }
+  void declare(CLI::App& app) override {
+    app.add_option("FILE", paths_, "The .stgs files")->required();
+  }
+  Status run(Session& session) override {
+    std::vector<Verdict> verdicts;
+    Status worst;
+    for (const std::string& path : paths_) {
+      verdicts.push_back(judge(path));
+      const Verdict& v = verdicts.back();
+      if (v.errors() > 0) {
+        worst = invalid_file("{}: {} error(s)", path, v.errors());
+      } else if (!v.unreadable.ok() && worst.ok()) {
+        worst = v.unreadable;
+      }
+    }
+    STGS_TRY(session.emit(to_json(verdicts), to_text(verdicts)));
+    return worst;
+  }
+
+ private:
+  std::vector<std::string> paths_;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_validate() {
+  return std::make_unique<Validate>();
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "command.h"
+
+namespace stgs::tools {
+
+std::vector<std::unique_ptr<Command>> all_commands() {
+  std::vector<std::unique_ptr<Command>> commands;
+  commands.push_back(make_prepare());
+  commands.push_back(make_train());
+  commands.push_back(make_pack());
+  commands.push_back(make_encode());
+  commands.push_back(make_info());
+  commands.push_back(make_validate());
+  commands.push_back(make_render());
+  commands.push_back(make_evaluate());
+  commands.push_back(make_compare());
+  return commands;
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// The options of prepare, train and pack, which encode takes all together.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "session.h"
+#include "stgs/encoder/pack.h"
+#include "stgs/encoder/prepare.h"
+#include "stgs/encoder/train.h"
+#include "stgs/format/status.h"
+
+namespace CLI {
+class App;
+}
+
+namespace stgs::tools {
+
+class PrepareOptions {
+ public:
+  void declare(CLI::App& app);
+  // Only in a build with STGS_HAS_PREPARE.
+  Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
+
+ private:
+  std::string layout_ = "auto", frames_, test_cameras_;
+  double scale_ = 1, fps_ = 0;
+  int max_dynamic_points_ = 0, max_static_points_ = 0;
+  bool no_split_ = false, overwrite_ = false;
+};
+
+class TrainOptions {
+ public:
+  void declare(CLI::App& app);
+  Result<encoder::TrainSettings> settings(const CommonOptions& common) const;
+  const std::string& preset() const { return preset_; }
+  const std::string& ablate() const { return ablate_; }
+
+ private:
+  std::string preset_ = "default", ablate_, resume_, checkpoint_, log_;
+  int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
+  double max_seconds_ = 0;
+  std::vector<std::string> overrides_;
+};
+
+class PackOptions {
+ public:
+  void declare(CLI::App& app);
+  encoder::PackSettings settings() const;
+
+ private:
+  int quality_ = encoder::PackSettings{}.quality;
+  double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
+};
+
+struct PrepareChanges {
+  bool no_split = false;  // as --no-split, from elsewhere
+};
+
+// Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV.
+Status prepare_stage(const std::string& capture, const std::string& folder,
+                     const PrepareOptions& options, const PrepareChanges& changes,
+                     Session& session);
+
+// The report of a stage, as the verb of that stage prints it.
+Json to_json(const encoder::TrainReport& report);
+Json to_json(const encoder::PackReport& report);
+
+// Trains and writes the lossless scene to `output`.
+Status train_to_file(const std::string& folder, const std::string& output,
+                     const encoder::TrainSettings& settings, Session& session,
+                     encoder::TrainReport& report);
+
+}  // namespace stgs::tools

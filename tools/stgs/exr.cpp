@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "exr.h"
+
+#ifdef STGS_HAS_EXR
+#include <ImathBox.h>
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfInputFile.h>
+#include <OpenEXR/ImfOutputFile.h>
+#include <OpenEXR/ImfStandardAttributes.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+#endif
+
+namespace stgs::tools {
+
+#ifdef STGS_HAS_EXR
+namespace {
+
+constexpr int kMaxSide = 32768;
+
+// The sRGB transfer function and its inverse (IEC 61966-2-1), continued above 1.
+float linear_of(float v) {
+  return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f);
+}
+float encoded_of(float v) {
+  return v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1.0f / 2.4f) - 0.055f;
+}
+
+template <typename T>
+Imf::Slice slice_over(Imf::PixelType type, const T* data, int width) {
+  return Imf::Slice(type, reinterpret_cast<char*>(const_cast<T*>(data)), sizeof(T),
+                    sizeof(T) * static_cast<std::size_t>(width));
+}
+
+}  // namespace
+
+Status write_exr_file(const std::string& path, const std::string& shown_path,
+                      const player::Frame& frame) {
+  const int width = frame.colour.width, height = frame.colour.height;
+  const std::size_t pixels = static_cast<std::size_t>(width) * height;
+  static constexpr const char* kNames[] = {"R", "G", "B", "A"};
+  try {
+    std::vector<Imath::half> planes(pixels * 4);
+    for (std::size_t i = 0; i < 3 * pixels; ++i) {
+      planes[i] = Imath::half(linear_of(frame.colour.data[i]));
+    }
+    for (std::size_t i = 0; i < pixels; ++i) {
+      planes[3 * pixels + i] = Imath::half(frame.alpha.data[i]);
+    }
+    Imf::Header header(width, height);
+    header.compression() = Imf::ZIP_COMPRESSION;
+    Imf::addComments(header,
+                     "RGB: linear light, sRGB primaries, background blended in. A: opacity."
+                     " Z: mean camera z in scene units, 0 where there is nothing.");
+    Imf::FrameBuffer buffer;
+    for (int c = 0; c < 4; ++c) {
+      header.channels().insert(kNames[c], Imf::Channel(Imf::HALF));
+      buffer.insert(kNames[c], slice_over(Imf::HALF, planes.data() + c * pixels, width));
+    }
+    header.channels().insert("Z", Imf::Channel(Imf::FLOAT));
+    buffer.insert("Z", slice_over(Imf::FLOAT, frame.depth.data.data(), width));
+    Imf::OutputFile file(path.c_str(), header);
+    file.setFrameBuffer(buffer);
+    file.writePixels(height);
+  } catch (const std::exception& error) {
+    return io_error("{}: cannot write EXR: {}", shown_path, error.what());
+  }
+  return {};
+}
+
+Result<Image> read_exr_file(const std::string& path) {
+  try {
+    Imf::InputFile file(path.c_str());
+    const Imath::Box2i window = file.header().dataWindow();
+    const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
+    if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) {
+      return invalid_file("{}: {}x{} pixels is no size for a picture", path, width, height);
+    }
+    for (const char* name : {"R", "G", "B"}) {
+      const Imf::Channel* channel = file.header().channels().findChannel(name);
+      if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {
+        return unsupported("{}: has no full-size channel {}", path, name);
+      }
+    }
+    Image image;
+    image.reshape(width, height, 3);
+    Imf::FrameBuffer buffer;
+    const char* names[] = {"R", "G", "B"};
+    for (int c = 0; c < 3; ++c) {
+      // OpenEXR addresses pixel (x,y) of the data window, which need not start at 0.
+      const float* origin =
+          image.plane(c) - window.min.x - static_cast<std::ptrdiff_t>(window.min.y) * width;
+      buffer.insert(names[c], slice_over(Imf::FLOAT, origin, width));
+    }
+    file.setFrameBuffer(buffer);
+    file.readPixels(window.min.y, window.max.y);
+    for (float& v : image.data) v = encoded_of(v);
+    return image;
+  } catch (const std::exception& error) {
+    return invalid_file("{}: cannot read EXR: {}", path, error.what());
+  }
+}
+
+#else
+
+Status write_exr_file(const std::string&, const std::string& shown_path, const player::Frame&) {
+  return not_built("{}: this build has no EXR; install OpenEXR and build again, or write .png",
+                   shown_path);
+}
+
+Result<Image> read_exr_file(const std::string& path) {
+  return not_built("{}: this build has no EXR; install OpenEXR and build again", path);
+}
+
+#endif
+
+}  // namespace stgs::tools

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "metrics.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace stgs::tools {
+namespace {
+
+constexpr int kWindow = 11;
+constexpr double kWindowSigma = 1.5;
+constexpr double kK1 = 0.01, kK2 = 0.03;
+constexpr std::size_t kMoments = 5;  // a, b, aa, bb, ab
+
+std::array<float, kWindow> window() {
+  std::array<double, kWindow> w{};
+  double sum = 0;
+  for (int i = 0; i < kWindow; ++i) {
+    const double x = i - kWindow / 2;
+    w[i] = std::exp(-x * x / (2 * kWindowSigma * kWindowSigma));
+    sum += w[i];
+  }
+  std::array<float, kWindow> out{};
+  for (int i = 0; i < kWindow; ++i) out[i] = static_cast<float>(w[i] / sum);
+  return out;
+}
+
+// Rows of the five moments, filtered along x: valid positions only.
+void filter_row(const float* a, const float* b, int valid, const std::array<float, kWindow>& w,
+                std::array<std::vector<float>, kMoments>& out) {
+  for (auto& row : out) std::fill(row.begin(), row.end(), 0.0f);
+  for (int k = 0; k < kWindow; ++k) {
+    for (int x = 0; x < valid; ++x) {
+      const float va = a[x + k], vb = b[x + k];
+      out[0][x] += w[k] * va;
+      out[1][x] += w[k] * vb;
+      out[2][x] += w[k] * va * va;
+      out[3][x] += w[k] * vb * vb;
+      out[4][x] += w[k] * va * vb;
+    }
+  }
+}
+
+double similarity(const std::array<float, kMoments>& m, double range) {
+  const double c1 = (kK1 * range) * (kK1 * range), c2 = (kK2 * range) * (kK2 * range);
+  const double ma = m[0], mb = m[1];
+  const double va = m[2] - ma * ma, vb = m[3] - mb * mb, cov = m[4] - ma * mb;
+  return ((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2));
+}
+
+// Sums of the similarity over the valid positions of one channel.
+Ssim channel_sums(const float* a, const float* b, int width, int height) {
+  const auto w = window();
+  const int valid = width - kWindow + 1;
+  // The last kWindow filtered rows, row y in slot y % kWindow.
+  std::array<std::array<std::vector<float>, kMoments>, kWindow> rows;
+  for (auto& slot : rows) {
+    for (auto& row : slot) row.resize(static_cast<std::size_t>(valid));
+  }
+  Ssim sums;
+  for (int y = 0; y < height; ++y) {
+    const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(y) * width;
+    filter_row(a + offset, b + offset, valid, w, rows[y % kWindow]);
+    if (y + 1 < kWindow) continue;
+    for (int x = 0; x < valid; ++x) {
+      std::array<float, kMoments> m{};
+      for (int k = 0; k < kWindow; ++k) {
+        const auto& slot = rows[(y + 1 + k) % kWindow];
+        for (std::size_t i = 0; i < kMoments; ++i) m[i] += w[k] * slot[i][x];
+      }
+      sums.range_1 += similarity(m, 1);
+      sums.range_2 += similarity(m, 2);
+    }
+  }
+  return sums;
+}
+
+}  // namespace
+
+double mean_squared_error(const Image& a, const Image& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.data.size(); ++i) {
+    const double d = static_cast<double>(a.data[i]) - b.data[i];
+    sum += d * d;
+  }
+  return sum / static_cast<double>(a.data.size());
+}
+
+double psnr_of(double mse) {
+  return mse <= 0 ? kPsnrMax : std::min(kPsnrMax, -10 * std::log10(mse));
+}
+
+double max_difference(const Image& a, const Image& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.data.size(); ++i) {
+    largest = std::max(largest, std::abs(static_cast<double>(a.data[i]) - b.data[i]));
+  }
+  return largest;
+}
+
+double colour_corrected_error(const Image& picture, const Image& truth) {
+  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
+  const float* in[] = {picture.plane(0), picture.plane(1), picture.plane(2)};
+  const float* out[] = {truth.plane(0), truth.plane(1), truth.plane(2)};
+  Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
+  Eigen::Matrix<double, 4, 3> right = Eigen::Matrix<double, 4, 3>::Zero();
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const Eigen::Vector4d x(in[0][i], in[1][i], in[2][i], 1);
+    normal.noalias() += x * x.transpose();
+    right.noalias() += x * Eigen::RowVector3d(out[0][i], out[1][i], out[2][i]);
+  }
+  // A picture of few colours makes the normal matrix singular: any minimiser will do.
+  const Eigen::Matrix<double, 4, 3> map = normal.completeOrthogonalDecomposition().solve(right);
+  double sum = 0;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const Eigen::Vector4d x(in[0][i], in[1][i], in[2][i], 1);
+    const Eigen::RowVector3d y(out[0][i], out[1][i], out[2][i]);
+    sum += (x.transpose() * map - y).squaredNorm();
+  }
+  return sum / static_cast<double>(3 * pixels);
+}
+
+Result<Ssim> ssim(const Image& a, const Image& b) {
+  if (a.width < kWindow || a.height < kWindow) {
+    return unsupported("ssim needs pictures of at least {0}x{0} pixels, not {1}x{2}", kWindow,
+                       a.width, a.height);
+  }
+  Ssim mean;
+  for (int c = 0; c < 3; ++c) {
+    const Ssim sums = channel_sums(a.plane(c), b.plane(c), a.width, a.height);
+    mean.range_1 += sums.range_1;
+    mean.range_2 += sums.range_2;
+  }
+  const double positions = 3.0 * (a.width - kWindow + 1.0) * (a.height - kWindow + 1.0);
+  mean.range_1 /= positions;
+  mean.range_2 /= positions;
+  return mean;
+}
+
+}  // namespace stgs::tools

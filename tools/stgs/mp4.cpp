@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "video.h"
+
+#ifdef STGS_HAS_PREPARE
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "output_file.h"
+#endif
+
+namespace stgs::tools {
+
+#ifdef STGS_HAS_PREPARE
+namespace {
+
+class Mp4Writer final : public VideoWriter {
+ public:
+  Mp4Writer(const std::string& path, TimeBase time_base, encoder::LogSink log)
+      : path_(path),
+        temporary_(temporary_name(path)),
+        fps_(1.0 / time_base.seconds(1)),
+        log_(std::move(log)) {}
+
+  Status add(const encoder::Image8& picture) override {
+    try {
+      if (frames_ == 0) STGS_TRY(open(picture.width, picture.height));
+      const cv::Mat rgb(picture.height, picture.width, CV_8UC3,
+                        const_cast<std::uint8_t*>(picture.data.data()));
+      cv::cvtColor(rgb, bgr_, cv::COLOR_RGB2BGR);
+      writer_.write(bgr_);
+      ++frames_;
+    } catch (const std::exception& error) {
+      return runtime_error("{}: cannot encode frame {}: {}", path_, frames_, error.what());
+    }
+    return {};
+  }
+
+  // OpenCV reports no write error, so what was written is opened and counted.
+  Status finish() override {
+    try {
+      writer_.release();
+      cv::VideoCapture check(temporary_.path(), cv::CAP_FFMPEG);
+      const int found =
+          check.isOpened() ? static_cast<int>(check.get(cv::CAP_PROP_FRAME_COUNT)) : 0;
+      if (found != frames_) {
+        return io_error("{}: cannot write: only {} of {} frames arrived; is the disk full?", path_,
+                        found, frames_);
+      }
+    } catch (const std::exception& error) {
+      return io_error("{}: cannot write: {}", path_, error.what());
+    }
+    STGS_TRY(rename_over(temporary_.path(), path_));
+    temporary_.keep();
+    return {};
+  }
+
+ private:
+  Status open(int width, int height) {
+    if (width % 2 != 0 || height % 2 != 0) {
+      return usage_error("{}: mp4 needs even sides, not {}x{}; choose a --size", path_, width,
+                         height);
+    }
+    STGS_TRY(check_can_write(path_));
+    const cv::Size size(width, height);
+    const auto try_codec = [&](const char* c) {
+      return writer_.open(temporary_.path(), cv::CAP_FFMPEG,
+                          cv::VideoWriter::fourcc(c[0], c[1], c[2], c[3]), fps_, size);
+    };
+    if (try_codec("avc1")) return {};
+    if (try_codec("mp4v")) {
+      log_(1, fmt::format("{}: H.264 is not available in OpenCV here; written as MPEG-4 part 2",
+                          path_));
+      return {};
+    }
+    return unsupported("{}: OpenCV here can encode neither H.264 nor MPEG-4; write .y4m", path_);
+  }
+
+  std::string path_;
+  RemovedPath temporary_;
+  double fps_;
+  encoder::LogSink log_;
+  cv::VideoWriter writer_;
+  cv::Mat bgr_;
+  int frames_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,
+                                                     const encoder::LogSink& log) {
+  return std::unique_ptr<VideoWriter>(std::make_unique<Mp4Writer>(path, time_base, log));
+}
+
+#else
+
+Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
+                                                     const encoder::LogSink&) {
+  return not_built("{}: this build has no mp4; install OpenCV and build again, or write .y4m",
+                   path);
+}
+
+#endif
+
+}  // namespace stgs::tools

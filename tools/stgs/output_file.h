@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Outputs appear whole or not at all: they are written under a temporary name and renamed.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "stgs/format/status.h"
+
+namespace stgs::tools {
+
+// The temporary name that belongs to `path`, in the same folder, with the same ending.
+std::string temporary_name(const std::string& path);
+
+// Whether a file can be made at `path`: its folder exists and takes files, and nothing but a
+// regular file is in the way. Asked before long work, so that hours are not lost at the end.
+Status check_can_write(const std::string& path);
+// The same for a new or existing folder.
+Status check_can_make_folder(const std::string& path);
+
+// A file written piece by piece. Removes its temporary unless committed.
+class OutputFile {
+ public:
+  OutputFile() = default;
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  // "-" is standard output, which has no temporary.
+  Status open(const std::string& path);
+  Status write(std::span<const std::uint8_t> bytes);
+  Status commit();
+
+ private:
+  std::string path_, temporary_;
+  int fd_ = -1;
+};
+
+// A path that is removed, with all in it, when this goes, unless kept.
+class RemovedPath {
+ public:
+  explicit RemovedPath(std::string path) : path_(std::move(path)) {}
+  ~RemovedPath();
+  RemovedPath(const RemovedPath&) = delete;
+  RemovedPath& operator=(const RemovedPath&) = delete;
+  void keep() { path_.clear(); }
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+// Renames, replacing an existing file.
+Status rename_over(const std::string& from, const std::string& to);
+
+}  // namespace stgs::tools

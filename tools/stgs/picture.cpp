@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "picture.h"
+
+#include <stb/stb_image.h>
+#include <stb/stb_image_write.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "exr.h"
+#include "output_file.h"
+#include "stgs/format/byte_source.h"
+
+namespace stgs::tools {
+namespace {
+
+// One channel of a picture at a point in pixels, bilinear, edges repeated.
+float sample(const encoder::Image8& picture, float x, float y, int channel) {
+  const auto at = [&](int i, int j) {
+    i = std::clamp(i, 0, picture.width - 1);
+    j = std::clamp(j, 0, picture.height - 1);
+    return static_cast<float>(
+        picture.data[(static_cast<std::size_t>(j) * picture.width + i) * 3 + channel]);
+  };
+  const int i = static_cast<int>(std::floor(x - 0.5f)), j = static_cast<int>(std::floor(y - 0.5f));
+  const float u = x - 0.5f - static_cast<float>(i), v = y - 0.5f - static_cast<float>(j);
+  return (1 - v) * ((1 - u) * at(i, j) + u * at(i + 1, j)) +
+         v * ((1 - u) * at(i, j + 1) + u * at(i + 1, j + 1));
+}
+
+encoder::Image8 scaled_to_height(const encoder::Image8& picture, int height) {
+  encoder::Image8 out;
+  out.height = height;
+  const float scale = static_cast<float>(picture.height) / static_cast<float>(height);
+  out.width = std::max(1, static_cast<int>(std::lround(static_cast<float>(picture.width) / scale)));
+  out.channels = 3;
+  out.data.resize(static_cast<std::size_t>(out.width) * height * 3);
+  std::size_t at = 0;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < out.width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const float v = sample(picture, (static_cast<float>(x) + 0.5f) * scale,
+                               (static_cast<float>(y) + 0.5f) * scale, c);
+        out.data[at++] = static_cast<std::uint8_t>(v + 0.5f);
+      }
+    }
+  }
+  return out;
+}
+
+void append_bytes(void* context, void* data, int size) {
+  auto* bytes = static_cast<std::vector<std::uint8_t>*>(context);
+  const auto* from = static_cast<const std::uint8_t*>(data);
+  bytes->insert(bytes->end(), from, from + size);
+}
+
+}  // namespace
+
+encoder::Image8 to_8bit(const Image& colour) {
+  encoder::Image8 out;
+  out.width = colour.width;
+  out.height = colour.height;
+  out.channels = 3;
+  const std::size_t pixels = static_cast<std::size_t>(colour.width) * colour.height;
+  out.data.resize(pixels * 3);
+  for (int c = 0; c < 3; ++c) {
+    const float* plane = colour.plane(c);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      const float v = std::clamp(plane[i], 0.0f, 1.0f);
+      out.data[i * 3 + c] = static_cast<std::uint8_t>(v * 255.0f + 0.5f);
+    }
+  }
+  return out;
+}
+
+Image to_float(const encoder::Image8& picture) {
+  Image out;
+  out.reshape(picture.width, picture.height, 3);
+  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
+  for (int c = 0; c < 3; ++c) {
+    float* plane = out.plane(c);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      plane[i] = static_cast<float>(picture.data[i * 3 + c]) / 255.0f;
+    }
+  }
+  return out;
+}
+
+encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8& right) {
+  const encoder::Image8 fitted =
+      right.height == left.height ? right : scaled_to_height(right, left.height);
+  encoder::Image8 out;
+  out.width = left.width + fitted.width;
+  out.height = left.height;
+  out.channels = 3;
+  for (int y = 0; y < out.height; ++y) {
+    for (const encoder::Image8* part : {&left, &fitted}) {
+      const auto row = part->data.begin() + static_cast<std::ptrdiff_t>(y) * part->width * 3;
+      out.data.insert(out.data.end(), row, row + static_cast<std::ptrdiff_t>(part->width) * 3);
+    }
+  }
+  return out;
+}
+
+Status write_png(const std::string& path, const encoder::Image8& picture) {
+  std::vector<std::uint8_t> bytes;
+  const int written = stbi_write_png_to_func(append_bytes, &bytes, picture.width, picture.height, 3,
+                                             picture.data.data(), picture.width * 3);
+  if (written == 0) return runtime_error("{}: cannot encode as PNG: not enough memory", path);
+  OutputFile file;
+  STGS_TRY(file.open(path));
+  STGS_TRY(file.write(bytes));
+  return file.commit();
+}
+
+Status write_exr(const std::string& path, const player::Frame& frame) {
+  STGS_TRY(check_can_write(path));
+  RemovedPath temporary(temporary_name(path));
+  STGS_TRY(write_exr_file(temporary.path(), path, frame));
+  STGS_TRY(rename_over(temporary.path(), path));
+  temporary.keep();
+  return {};
+}
+
+Result<Image> read_picture(const std::string& path) {
+  if (extension_of(path) == ".exr") return read_exr_file(path);
+  STGS_ASSIGN(auto source, open_file(path));
+  std::vector<std::uint8_t> bytes(source->size());
+  STGS_TRY(source->read(0, bytes));
+  encoder::Image8 picture;
+  const std::unique_ptr<stbi_uc, void (*)(void*)> pixels(
+      stbi_load_from_memory(bytes.data(), static_cast<int>(bytes.size()), &picture.width,
+                            &picture.height, &picture.channels, 3),
+      stbi_image_free);
+  if (pixels == nullptr) {
+    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
+  }
+  picture.channels = 3;
+  picture.data.assign(pixels.get(),
+                      pixels.get() + static_cast<std::size_t>(picture.width) * picture.height * 3);
+  return to_float(picture);
+}
+
+bool is_picture_name(const std::string& path) {
+  const std::string end = extension_of(path);
+  return end == ".png" || end == ".jpg" || end == ".jpeg" || end == ".exr";
+}
+
+std::string extension_of(const std::string& path) {
+  std::string end = std::filesystem::path(path).extension().string();
+  std::transform(end.begin(), end.end(), end.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return end;
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "picture_sink.h"
+
+#include <filesystem>
+#include <utility>
+#include <vector>
+
+#include "output_file.h"
+
+namespace stgs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Takes 8-bit pictures; frames of floats are converted.
+class EightBitSink : public PictureSink {
+ public:
+  using PictureSink::add;
+  Status add(const PictureName& name, const player::Frame& frame) final {
+    return add(name, to_8bit(frame.colour));
+  }
+};
+
+class NullSink final : public EightBitSink {
+ public:
+  using EightBitSink::add;
+  Status add(const PictureName&, const encoder::Image8&) override { return {}; }
+  Status finish() override { return {}; }
+};
+
+class PngSink final : public EightBitSink {
+ public:
+  explicit PngSink(std::string path) : path_(std::move(path)) {}
+  using EightBitSink::add;
+  Status add(const PictureName&, const encoder::Image8& picture) override {
+    return write_png(path_, picture);
+  }
+  Status finish() override { return {}; }
+
+ private:
+  std::string path_;
+};
+
+class ExrSink final : public PictureSink {
+ public:
+  explicit ExrSink(std::string path) : path_(std::move(path)) {}
+  bool wants_8bit() const override { return false; }
+  Status add(const PictureName&, const encoder::Image8&) override {
+    return usage_error("{}: EXR takes frames of floats", path_);
+  }
+  Status add(const PictureName&, const player::Frame& frame) override {
+    return write_exr(path_, frame);
+  }
+  Status finish() override { return {}; }
+
+ private:
+  std::string path_;
+};
+
+class VideoSink final : public EightBitSink {
+ public:
+  explicit VideoSink(std::unique_ptr<VideoWriter> writer) : writer_(std::move(writer)) {}
+  using EightBitSink::add;
+  Status add(const PictureName&, const encoder::Image8& picture) override {
+    return writer_->add(picture);
+  }
+  Status finish() override { return writer_->finish(); }
+
+ private:
+  std::unique_ptr<VideoWriter> writer_;
+};
+
+// FOLDER/CAMERA/NNNNNN.png. Everything is written to a folder beside it first; a new folder is then
+// renamed, and into an existing one the files are moved.
+class FolderSink final : public EightBitSink {
+ public:
+  explicit FolderSink(const std::string& folder)
+      : folder_(folder), temporary_(temporary_name(folder)) {}
+  using EightBitSink::add;
+
+  Status add(const PictureName& name, const encoder::Image8& picture) override {
+    const std::string file = name.camera.empty()
+                                 ? fmt::format("{:06}.png", name.frame)
+                                 : fmt::format("{}/{:06}.png", name.camera, name.frame);
+    std::error_code error;
+    fs::create_directories((fs::path(temporary_.path()) / file).parent_path(), error);
+    if (error) return io_error("{}: cannot create: {}", folder_, error.message());
+    files_.push_back(file);
+    return write_png(temporary_.path() + "/" + file, picture);
+  }
+
+  Status finish() override {
+    if (!fs::exists(folder_)) {
+      STGS_TRY(rename_over(temporary_.path(), folder_));
+      temporary_.keep();
+      return {};
+    }
+    for (const std::string& file : files_) {
+      std::error_code error;
+      fs::create_directories((fs::path(folder_) / file).parent_path(), error);
+      if (error) return io_error("{}: cannot create: {}", folder_, error.message());
+      STGS_TRY(rename_over(temporary_.path() + "/" + file, folder_ + "/" + file));
+    }
+    return {};
+  }
+
+ private:
+  std::string folder_;
+  RemovedPath temporary_;
+  std::vector<std::string> files_;
+};
+
+std::string without_slashes(std::string path) {
+  while (path.size() > 1 && path.back() == '/') path.pop_back();
+  return path;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<PictureSink>> make_picture_sink(const std::string& output,
+                                                       TimeBase time_base, std::size_t cameras,
+                                                       std::size_t moments,
+                                                       const encoder::LogSink& log) {
+  using Sink = std::unique_ptr<PictureSink>;
+  if (output == "null") return Sink(std::make_unique<NullSink>());
+  if (!output.empty() && (output.back() == '/' || fs::is_directory(output))) {
+    STGS_TRY(check_can_make_folder(output));
+    return Sink(std::make_unique<FolderSink>(without_slashes(output)));
+  }
+  const std::string end = output == "-" ? ".y4m" : extension_of(output);
+  const bool picture = end == ".png" || end == ".exr", video = end == ".mp4" || end == ".y4m";
+  if (!picture && !video) {
+    return usage_error(
+        "'{}': cannot tell what to write; end it in .png, .exr, .mp4, .y4m or / for a folder",
+        output);
+  }
+  if (picture && cameras * moments != 1) {
+    return usage_error("'{}' holds one picture, but {} are asked for; write a folder or a video",
+                       output, cameras * moments);
+  }
+  if (video && cameras != 1) {
+    return usage_error("'{}' holds one camera, but {} are chosen; name one with --which", output,
+                       cameras);
+  }
+  if (output != "-") STGS_TRY(check_can_write(output));
+  if (end == ".png") return Sink(std::make_unique<PngSink>(output));
+  if (end == ".exr") return Sink(std::make_unique<ExrSink>(output));
+  if (end == ".y4m") return Sink(std::make_unique<VideoSink>(make_y4m_writer(output, time_base)));
+  STGS_ASSIGN(auto writer, make_mp4_writer(output, time_base, log));
+  return Sink(std::make_unique<VideoSink>(std::move(writer)));
+}
+
+}  // namespace stgs::tools

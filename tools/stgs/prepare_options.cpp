@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encode_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "options.h"
+
+namespace stgs::tools {
+
+void PrepareOptions::declare(CLI::App& app) {
+  const char* group = "Preparing";
+  app.add_option("--layout", layout_,
+                 "auto, n3dv, panoptic, easyvolcap, colmap, nerfstudio or videos")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--frames", frames_, "Frames FIRST:END of the source, END not included; else all")
+      ->group(group);
+  app.add_option("--scale", scale_, "Of the pictures, up to 1")
+      ->check(number_between(0.01, 1))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--test-cameras", test_cameras_,
+                 "Cameras to hold out: names with commas, or none; else as the layout says")
+      ->group(group);
+  app.add_option("--fps", fps_, "Frames a second of folders of pictures; else as the layout says")
+      ->check(number_between(0.001, 100000))
+      ->group(group);
+  app.add_option("--max-dynamic-points", max_dynamic_points_, "Moving initial points a frame")
+      ->check(number_between(1, 1e9))
+      ->group(group);
+  app.add_option("--max-static-points", max_static_points_, "Still initial points")
+      ->check(number_between(1, 1e9))
+      ->group(group);
+  app.add_flag("--no-split", no_split_, "Ablation: do not tell moving points from still ones")
+      ->group(group);
+  app.add_flag("--overwrite", overwrite_, "Replace a prepared capture that is there")->group(group);
+}
+
+#ifdef STGS_HAS_PREPARE
+
+Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& common) const {
+  encoder::PrepareSettings settings;
+  STGS_ASSIGN(settings.layout, encoder::layout_from_name(layout_));
+  if (!frames_.empty()) {
+    STGS_ASSIGN(const FrameRange range, parse_open_frames(frames_));
+    settings.first_frame = range.begin;
+    settings.end_frame = range.end;
+  }
+  settings.scale = scale_;
+  settings.fps = fps_;
+  settings.default_test_cameras = test_cameras_.empty();
+  if (test_cameras_ != "none") settings.test_cameras = split_list(test_cameras_);
+  settings.separate_motion = !no_split_;
+  settings.max_dynamic_points = max_dynamic_points_;
+  settings.max_static_points = max_static_points_;
+  settings.seed = common.seed;
+  settings.overwrite = overwrite_;
+  return settings;
+}
+
+Status prepare_stage(const std::string& capture, const std::string& folder,
+                     const PrepareOptions& options, const PrepareChanges& changes,
+                     Session& session) {
+  STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
+  if (changes.no_split) settings.separate_motion = false;
+  return encoder::prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
+}
+
+#else
+
+Status prepare_stage(const std::string& capture, const std::string&, const PrepareOptions&,
+                     const PrepareChanges&, Session&) {
+  return not_built(
+      "{}: this build cannot prepare captures: install OpenCV (libopencv-dev) and build again "
+      "with STGS_WITH_PREPARE=ON, or prepare on another machine",
+      capture);
+}
+
+#endif
+
+}  // namespace stgs::tools

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+
+#include "command.h"
+#include "options.h"
+#include "stgs/format/raster.h"
+#include "stgs/format/scene_file.h"
+#include "stgs/player/renderer.h"
+
+#ifdef STGS_HAS_PREPARE
+#include <opencv2/core/utility.hpp>
+#endif
+
+namespace stgs::tools {
+namespace {
+
+constexpr const char* kExitCodes =
+    "Exit codes: 0 ok, 1 usage, 2 input or output, 3 invalid file, 4 failed or interrupted,\n"
+    "            5 unsupported here, 6 not built in, 7 differs.";
+
+struct Verb {
+  std::unique_ptr<Command> command;
+  CLI::App* app = nullptr;
+};
+
+void declare_common(CLI::App& app, CommonOptions& options) {
+  const char* group = "Common options";
+  app.add_option("--format", options.format, "Results as text or json")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--progress", options.progress,
+                 "On standard error: auto (a bar on a terminal), bar, json (a line a step), none")
+      ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--log-level", options.log_level, "error, warning, info or debug")
+      ->check(CLI::IsMember({"error", "warning", "info", "debug"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--backend", options.backend, "What draws: auto, cpu, cuda or vulkan")
+      ->check(CLI::IsMember({"auto", "cpu", "cuda", "vulkan"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--threads", options.threads,
+                 "Threads at most; 0: all. Results do not depend on it")
+      ->check(number_between(0, 4096))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--seed", options.seed, "Seed of whatever is random")
+      ->check(check_whole_number)
+      ->capture_default_str()
+      ->group(group);
+}
+
+std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
+  std::vector<Verb> verbs;
+  for (auto& command : all_commands()) {
+    const Help help = command->help();
+    CLI::App* verb = app.add_subcommand(help.name, help.summary);
+    verb->footer(fmt::format("{}\n\nExample:\n{}\n\n{}", help.text, help.example, kExitCodes));
+    command->declare(*verb);
+    declare_common(*verb, options);
+    verbs.push_back({std::move(command), verb});
+  }
+  return verbs;
+}
+
+int usage(const std::string& message) {
+  fmt::print(stderr, "stgs: error: {}\n", message);
+  return static_cast<int>(StatusCode::kUsage);
+}
+
+// Names of the options of an app, "--size" and the like.
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return names;
+}
+
+// What CLI11 found wrong, with the option that was probably meant.
+int usage_of_parse_error(const CLI::App& app, const CLI::ParseError& error) {
+  std::string where = "stgs", message = error.what();
+  for (const CLI::App* verb : app.get_subcommands()) {
+    where += " " + verb->get_name();
+    for (const std::string& argument : verb->remaining()) {
+      const std::string name = argument.substr(0, argument.find('='));
+      if (name.size() < 2 || name[0] != '-') continue;
+      message = fmt::format("unknown option '{}'", name);
+      const std::string near = nearest_word(name, option_names(*verb));
+      if (!near.empty()) message += fmt::format("; did you mean '{}'?", near);
+      break;
+    }
+  }
+  return usage(fmt::format("{} (see '{} --help')", message, where));
+}
+
+int unknown_verb(const std::string& word, const std::vector<Verb>& verbs) {
+  std::vector<std::string> names;
+  for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
+  const std::string near = nearest_word(word, names);
+  if (!near.empty()) {
+    return usage(fmt::format("unknown verb '{}'; did you mean '{}'?", word, near));
+  }
+  return usage(fmt::format("unknown verb '{}'; the verbs are {}", word, fmt::join(names, ", ")));
+}
+
+int run_verb(Command& command, Session& session) {
+  install_signal_handlers();
+#ifdef STGS_HAS_PREPARE
+  if (session.options.threads > 0) cv::setNumThreads(session.options.threads);
+#endif
+  Status status = session.start();
+  if (status.ok()) status = command.run(session);
+  if (status.ok()) return 0;
+  if (interrupted()) status = runtime_error("interrupted: {}", status.message());
+  session.log(0, status.message());
+  return static_cast<int>(status.code());
+}
+
+}  // namespace
+
+std::string version_text() {
+  std::string parts;
+#ifdef STGS_HAS_PREPARE
+  parts += " prepare encode mp4";
+#endif
+#ifdef STGS_HAS_EXR
+  parts += " exr";
+#endif
+  return fmt::format("stgs {}\nformat: {}.{}\nvector target: {}\nbackends: {}\nbuilt in:{}\n",
+                     STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
+                     fmt::join(player::renderer_backends(), " "), parts.empty() ? " -" : parts);
+}
+
+int run_program(int argc, char** argv) {
+  CLI::App app(
+      "STGS turns synchronised multi-view video into one .stgs file of 4D Gaussians and plays it\n"
+      "from any viewpoint.",
+      "stgs");
+  app.footer(
+      fmt::format("'stgs VERB --help' tells more about a verb.\n\nExample:\n"
+                  "  stgs encode CAPTURE -o scene.stgs\n"
+                  "  stgs render scene.stgs --time 0.5 -o picture.png\n\n{}",
+                  kExitCodes));
+  app.set_version_flag("--version", version_text, "Print the version and what is built in");
+  app.require_subcommand(0, 1);
+  Session session;
+  const std::vector<Verb> verbs = declare_verbs(app, session.options);
+  const std::string first = argc > 1 ? argv[1] : "";
+  const bool known = std::any_of(verbs.begin(), verbs.end(),
+                                 [&](const Verb& v) { return v.app->get_name() == first; });
+  if (!first.empty() && first[0] != '-' && !known) return unknown_verb(first, verbs);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& success) {
+    app.exit(success);  // --help, --version: prints to standard output
+    return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);
+  } catch (const CLI::ParseError& error) {
+    return usage_of_parse_error(app, error);
+  }
+  for (const Verb& verb : verbs) {
+    if (verb.app->parsed()) return run_verb(*verb.command, session);
+  }
+  fmt::print(stderr, "{}", app.help());
+  return usage("no verb is given");
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "session.h"
+
+#include <sys/resource.h>
+#include <tbb/global_control.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <system_error>
+
+namespace stgs::tools {
+namespace {
+
+constexpr double kShowEvery = 0.1;  // seconds between two updates of the same stage
+constexpr int kBarWidth = 28;
+
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler");
+
+void request_stop(int signal) {
+  if (stop_requested.exchange(true)) {
+    std::signal(signal, SIG_DFL);
+    std::raise(signal);
+  }
+}
+
+std::string duration_text(double seconds) {
+  const auto whole = static_cast<long>(seconds + 0.5);
+  if (whole < 60) return fmt::format("{} s", whole);
+  if (whole < 3600) return fmt::format("{}:{:02} min", whole / 60, whole % 60);
+  return fmt::format("{}:{:02} h", whole / 3600, whole / 60 % 60);
+}
+
+int level_of(const std::string& name) {
+  return name == "error" ? 0 : name == "warning" ? 1 : name == "debug" ? 3 : 2;
+}
+
+}  // namespace
+
+Status Session::start() {
+  if (options.threads > 0) {
+    thread_limit_ = std::make_shared<tbb::global_control>(
+        tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
+  }
+  return {};
+}
+
+Status Session::emit(const Json& json, const std::string& text) const {
+  const std::string out = this->json() ? json.dump(1) + "\n" : text;
+  errno = 0;
+  const bool written = std::fwrite(out.data(), 1, out.size(), stdout) == out.size();
+  if (!written || std::fflush(stdout) != 0) {
+    return io_error("standard output: cannot write: {}", system_message(errno));
+  }
+  return {};
+}
+
+void Session::emit_aside(const Json& json, const std::string& text) const {
+  const std::string out = this->json() ? json.dump(1) + "\n" : text;
+  std::fwrite(out.data(), 1, out.size(), stderr);
+}
+
+void Session::log(int level, const std::string& line) {
+  static constexpr const char* kNames[] = {"error: ", "warning: ", "", "debug: "};
+  if (level > level_of(options.log_level)) return;
+  clear_bar();
+  const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], line);
+  std::fwrite(out.data(), 1, out.size(), stderr);
+}
+
+encoder::LogSink Session::log_sink() {
+  return [this](int level, const std::string& line) { log(level, line); };
+}
+
+encoder::ProgressSink Session::progress_sink() {
+  return [this](const encoder::Progress& progress) {
+    show(progress);
+    return !interrupted();
+  };
+}
+
+bool Session::progress(const std::string& stage, std::size_t done, std::size_t total) {
+  encoder::Progress progress;
+  progress.stage = stage;
+  progress.done = total == 0 ? 1 : static_cast<double>(done) / static_cast<double>(total);
+  progress.detail = fmt::format("{}/{}", done, total);
+  show(progress);
+  return !interrupted();
+}
+
+void Session::show(const encoder::Progress& progress) {
+  const bool json_lines = options.progress == "json";
+  const bool bar =
+      options.progress == "bar" || (options.progress == "auto" && ::isatty(STDERR_FILENO) != 0);
+  if (!json_lines && !bar) return;
+  const double now = now_seconds();
+  const bool last = progress.done >= 1;
+  const bool same = progress.stage == last_stage_;
+  if (same && !last && now - last_shown_ < kShowEvery) return;
+  last_shown_ = now;
+  last_stage_ = progress.stage;
+  std::string out;
+  if (json_lines) {
+    Json line = {{"stage", progress.stage}, {"done", std::clamp(progress.done, 0.0, 1.0)}};
+    if (progress.eta_seconds >= 0) line["eta_seconds"] = progress.eta_seconds;
+    if (!progress.detail.empty()) line["detail"] = progress.detail;
+    out = line.dump() + "\n";
+  } else {
+    const int filled = static_cast<int>(std::clamp(progress.done, 0.0, 1.0) * kBarWidth + 0.5);
+    out = fmt::format("\r\033[K{:<10} [{:#<{}}{:.<{}}] {:3.0f} %", progress.stage, "", filled, "",
+                      kBarWidth - filled, 100 * std::clamp(progress.done, 0.0, 1.0));
+    if (progress.eta_seconds >= 0 && !last) {
+      out += fmt::format("  {} left", duration_text(progress.eta_seconds));
+    }
+    if (!progress.detail.empty()) out += "  " + progress.detail;
+    bar_shown_ = !last;
+    if (last) out += "\n";
+  }
+  std::fwrite(out.data(), 1, out.size(), stderr);
+}
+
+void Session::clear_bar() {
+  if (bar_shown_) std::fputs("\r\033[K", stderr);
+  bar_shown_ = false;
+}
+
+void install_signal_handlers() {
+  std::signal(SIGINT, request_stop);
+  std::signal(SIGTERM, request_stop);
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
+bool interrupted() {
+  return stop_requested.load();
+}
+
+std::uint64_t peak_memory() {
+  struct rusage usage {};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+std::string human_bytes(std::uint64_t bytes) {
+  static constexpr const char* kUnits[] = {"B", "kB", "MB", "GB", "TB"};
+  auto value = static_cast<double>(bytes);
+  int unit = 0;
+  while (value >= 999.5 && unit < 4) {
+    value /= 1000;
+    ++unit;
+  }
+  return unit == 0 ? fmt::format("{} B", bytes) : fmt::format("{:.3g} {}", value, kUnits[unit]);
+}
+
+double now_seconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+std::string system_message(int error) {
+  return error == 0 ? "unknown error" : std::generic_category().message(error);
+}
+
+}  // namespace stgs::tools

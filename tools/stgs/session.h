@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the verbs share: the common options, results on standard output, messages and progress on
+// standard error, and interruption.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "stgs/encoder/progress.h"
+#include "stgs/format/status.h"
+
+namespace stgs::tools {
+
+using Json = nlohmann::ordered_json;
+
+struct CommonOptions {
+  std::string format = "text";     // text or json
+  std::string progress = "auto";   // auto, bar, json or none
+  std::string log_level = "info";  // error, warning, info or debug
+  std::string backend = "auto";
+  int threads = 0;         // 0: all
+  std::uint64_t seed = 1;  // of whatever is random
+};
+
+class Session {
+ public:
+  CommonOptions options;
+
+  // Applies --threads; call once, before any work. The limit lasts as long as the session.
+  Status start();
+
+  bool json() const { return options.format == "json"; }
+  // Prints the result, as JSON or text, to standard output.
+  Status emit(const Json& json, const std::string& text) const;
+  // The same to standard error, for verbs whose standard output carries a picture stream.
+  void emit_aside(const Json& json, const std::string& text) const;
+
+  // Levels as LogSink: 0 errors, 1 warnings, 2 information, 3 details.
+  void log(int level, const std::string& line);
+  encoder::LogSink log_sink();
+  // Shows progress as asked for; tells the work to stop after SIGINT or SIGTERM.
+  encoder::ProgressSink progress_sink();
+  // One step of `total` of a stage has been done; false: stop.
+  bool progress(const std::string& stage, std::size_t done, std::size_t total);
+
+ private:
+  void show(const encoder::Progress& progress);
+  void clear_bar();
+
+  std::shared_ptr<void> thread_limit_;
+  bool bar_shown_ = false;
+  double last_shown_ = -1;  // seconds of the monotonic clock
+  std::string last_stage_;
+};
+
+// Catches SIGINT and SIGTERM: the first asks the work to stop, the second ends the program. Ignores
+// SIGPIPE and SIGXFSZ, so that a failing write is an error with a message.
+void install_signal_handlers();
+bool interrupted();
+
+// Largest resident memory of this process so far, bytes.
+std::uint64_t peak_memory();
+// 1234567 -> "1.2 MB"; decimal units.
+std::string human_bytes(std::uint64_t bytes);
+// Seconds of the monotonic clock.
+double now_seconds();
+
+// For a renamed or removed file: "No such file or directory" and the like.
+std::string system_message(int error);
+
+}  // namespace stgs::tools

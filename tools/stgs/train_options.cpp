@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encode_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "options.h"
+#include "output_file.h"
+
+namespace stgs::tools {
+
+void TrainOptions::declare(CLI::App& app) {
+  const char* group = "Training";
+  app.add_option("--preset", preset_, "fast, default or best")
+      ->check(CLI::IsMember({"fast", "default", "best"}))
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--iterations", iterations_, "Steps; else the preset's")
+      ->check(number_between(1, 1e8))
+      ->group(group);
+  app.add_option("--max-primitives", max_primitives_, "Primitives at most; else the preset's")
+      ->check(number_between(1, 2e8))
+      ->group(group);
+  app.add_option("--max-seconds", max_seconds_, "Time to train in; the schedule fits itself to it")
+      ->check(number_between(1, 1e8))
+      ->group(group);
+  app.add_option("--resume", resume_, "Checkpoint to go on from, bit for bit")->group(group);
+  auto* checkpoint =
+      app.add_option("--checkpoint", checkpoint_, "Where to write checkpoints, also when stopped")
+          ->group(group);
+  app.add_option("--checkpoint-interval", checkpoint_interval_, "Steps between checkpoints")
+      ->check(number_between(1, 1e8))
+      ->capture_default_str()
+      ->needs(checkpoint)
+      ->group(group);
+  app.add_option("--ablate", ablate_, "Leave out: radius (r = 0), split, or modulation (f = 1)")
+      ->check(CLI::IsMember({"radius", "split", "modulation"}))
+      ->group(group);
+  app.add_option("--set", overrides_, "KEY=VALUE of a hyper-parameter; may be repeated")
+      ->allow_extra_args(false)
+      ->group(group);
+  app.add_option("--log", log_, "File for one JSON line a step")->group(group);
+}
+
+Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common) const {
+  encoder::TrainSettings settings;
+  settings.preset = preset_;
+  settings.iterations = iterations_;
+  settings.max_primitives = max_primitives_;
+  settings.max_seconds = max_seconds_;
+  settings.seed = common.seed;
+  settings.ablate = ablate_;
+  settings.resume = resume_;
+  settings.checkpoint = checkpoint_;
+  settings.checkpoint_interval = checkpoint_interval_;
+  settings.log_path = log_;
+  std::vector<std::string> names;
+  for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
+  for (const std::string& text : overrides_) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0) {
+      return usage_error("--set {}: write KEY=VALUE; see 'stgs train --list-parameters'", text);
+    }
+    const std::string key = text.substr(0, equals);
+    if (std::find(names.begin(), names.end(), key) == names.end()) {
+      const std::string near = nearest_word(key, names);
+      return usage_error("--set {}: no such hyper-parameter{}; see 'stgs train --list-parameters'",
+                         key, near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
+    }
+    settings.overrides.emplace_back(key, text.substr(equals + 1));
+  }
+  for (const std::string* path : {&checkpoint_, &log_}) {
+    if (!path->empty()) STGS_TRY(check_can_write(*path));
+  }
+  return settings;
+}
+
+Json to_json(const encoder::TrainReport& report) {
+  return {{"iterations", report.iterations},
+          {"seconds", report.seconds},
+          {"primitives", report.primitives},
+          {"final_loss", report.final_loss},
+          {"peak_memory", peak_memory()}};
+}
+
+Status train_to_file(const std::string& folder, const std::string& output,
+                     const encoder::TrainSettings& settings, Session& session,
+                     encoder::TrainReport& report) {
+  STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
+  STGS_ASSIGN(const Scene scene, encoder::train(capture, settings, session.progress_sink(),
+                                                session.log_sink(), &report));
+  WriteSettings writing;
+  writing.profile = Profile::kLossless;
+  return write_scene(output, scene, writing);
+}
+
+}  // namespace stgs::tools
