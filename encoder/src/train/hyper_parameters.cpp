@@ -72,7 +72,7 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
   HyperParameters p;
   if (preset == "default") return p;
   if (preset == "fast") {
-    p.iterations = 2000;
+    p.iterations = 3000;
     p.max_primitives = 40000;
     p.sh_degree = 2;
     return p;
