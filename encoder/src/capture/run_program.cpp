@@ -7,11 +7,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cctype>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
 #include <fstream>
-#include <sstream>
+#include <regex>
 #include <thread>
 
 namespace stgs::encoder {
@@ -19,20 +20,29 @@ namespace {
 
 constexpr int kLinesShown = 8;
 
-std::string last_lines(const std::string& path) {
-  std::ifstream file(path);
+}  // namespace
+
+std::string failure_reason(const std::string& log_path) {
+  // "F20240102 03:04:05.678901 1234 file.cc:56] what" is a fatal line of glog, E an error; a trace
+  // of the stack follows it. COLMAP's own begin with ERROR.
+  static const std::regex error_line(R"(^(?:[EF]\d{4,8} .*?\] |\s*ERROR: )(.*)$)");
+  std::ifstream file(log_path);
   std::vector<std::string> lines;
+  std::string error;
   for (std::string line; std::getline(file, line);) {
+    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back()))) line.pop_back();
     if (line.empty()) continue;
+    std::smatch match;
+    if (std::regex_match(line, match, error_line)) error = match[1];
     lines.push_back(line);
     if (lines.size() > kLinesShown) lines.erase(lines.begin());
   }
-  std::string text;
+  if (!error.empty()) return ": " + error;
+  if (lines.empty()) return ", and wrote nothing";
+  std::string text = "; its last lines were:";
   for (const std::string& line : lines) text += "\n  " + line;
   return text;
 }
-
-}  // namespace
 
 Status run_program(const std::vector<std::string>& arguments, const std::string& log_path,
                    const std::string& stage, double done, const ProgressSink& progress,
@@ -62,15 +72,14 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     if (cancelled || !progress || progress({stage, done, -1, detail})) continue;
     cancelled = true;
-    ::kill(child, SIGTERM);
+    ::kill(child, SIGKILL);  // what it leaves lies in a folder that goes too
   }
   if (cancelled) return runtime_error("{}: cancelled", stage);
   if (exit_code != nullptr && WIFEXITED(result)) *exit_code = WEXITSTATUS(result);
   if (WIFEXITED(result) && WEXITSTATUS(result) == 0) return {};
-  return runtime_error("{}: failed ({} {}); its last lines were:{}", detail,
-                       WIFEXITED(result) ? "exit code" : "signal",
+  return runtime_error("{}: failed ({} {}){}", detail, WIFEXITED(result) ? "exit code" : "signal",
                        WIFEXITED(result) ? WEXITSTATUS(result) : WTERMSIG(result),
-                       last_lines(log_path));
+                       failure_reason(log_path));
 }
 
 }  // namespace stgs::encoder

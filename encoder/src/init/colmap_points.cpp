@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "init/colmap_points.h"
 
-#include <fcntl.h>
-#include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <chrono>
-#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgproc.hpp>
 #include <sstream>
-#include <thread>
 
-extern char** environ;
+#include "capture/run_program.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -35,33 +30,26 @@ struct WorkFolder {
   }
 };
 
-// Runs colmap with its output in `log`; killed after `seconds`.
-Status run_colmap(std::vector<std::string> arguments, const std::string& log, int seconds) {
-  arguments.insert(arguments.begin(), "colmap");
-  std::vector<char*> argv;
-  for (std::string& argument : arguments) argv.push_back(argument.data());
-  argv.push_back(nullptr);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0644);
-  posix_spawn_file_actions_adddup2(&actions, 1, 2);
-  pid_t child = 0;
-  const int failed = posix_spawnp(&child, "colmap", &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (failed != 0) return runtime_error("colmap {}: cannot be started", arguments[1]);
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
-  int status = 0;
-  while (::waitpid(child, &status, WNOHANG) == 0) {
-    if (std::chrono::steady_clock::now() > deadline) {
-      ::kill(child, SIGKILL);
-      ::waitpid(child, &status, 0);
-      return runtime_error("colmap {}: stopped after {} s", arguments[1], seconds);
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+// The steps of COLMAP, each ended when it takes too long or nobody wants its result any more.
+struct Colmap {
+  std::string log;
+  int seconds = 0;  // a step
+  const std::atomic<bool>& abandoned;
+
+  Status run(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(), "colmap");
+    const std::string step = arguments[0] + " " + arguments[1];
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
+    bool late = false;
+    const ProgressSink go_on = [&](const Progress&) {
+      late = std::chrono::steady_clock::now() > deadline;
+      return !late && !abandoned;
+    };
+    const Status status = run_program(arguments, log, step, 0, go_on);
+    if (late) return runtime_error("{}: stopped after {} s", step, seconds);
+    return status;
   }
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return {};
-  return runtime_error("colmap {}: failed with status {}", arguments[1], status);
-}
+};
 
 // Pictures in an order that COLMAP numbers as we do, and masks where it may look.
 Status write_pictures(const PreparedCapture& capture, const std::vector<View>& views, bool masked,
@@ -156,7 +144,8 @@ bool colmap_installed() {
 }
 
 Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int most_views,
-                                                bool masked, int seconds) {
+                                                bool masked, int seconds,
+                                                const std::atomic<bool>& abandoned) {
   const std::vector<View> all = training_views(capture, kLongest);
   std::vector<View> views;
   for (const int i : spread(all, most_views)) views.push_back(all[i]);
@@ -166,24 +155,24 @@ Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, 
   STGS_TRY(write_model(views, folder.path / "known"));
   fs::create_directories(folder.path / "out");
   const auto path = [&](const char* name) { return (folder.path / name).string(); };
-  const std::string log = path("log.txt");
+  const Colmap colmap{path("log.txt"), seconds, abandoned};
   STGS_TRY(
-      run_colmap({"feature_extractor", "--database_path", path("database.db"), "--image_path",
+      colmap.run({"feature_extractor", "--database_path", path("database.db"), "--image_path",
                   path("images"), "--ImageReader.mask_path", path("masks"),
                   "--ImageReader.camera_model", "PINHOLE", "--ImageReader.single_camera_per_image",
                   "1", "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", "1",
-                  "--SiftExtraction.max_num_features", std::to_string(kFeatures)},
-                 log, seconds));
-  STGS_TRY(run_colmap({"exhaustive_matcher", "--database_path", path("database.db"),
-                       "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", "1"},
-                      log, seconds));
-  STGS_TRY(run_colmap(
+                  "--SiftExtraction.max_num_features", std::to_string(kFeatures)}));
+  STGS_TRY(colmap.run({"exhaustive_matcher", "--database_path", path("database.db"),
+                       "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", "1"}));
+  const Status triangulated = colmap.run(
       {"point_triangulator", "--database_path", path("database.db"), "--image_path", path("images"),
-       "--input_path", path("known"), "--output_path", path("out"), "--clear_points", "1"},
-      log, seconds));
-  STGS_TRY(run_colmap({"model_converter", "--input_path", path("out"), "--output_path", path("out"),
-                       "--output_type", "TXT"},
-                      log, seconds));
+       "--input_path", path("known"), "--output_path", path("out"), "--clear_points", "1"});
+  // COLMAP aborts where it has no point left to refine.
+  const bool nothing = triangulated.message().find("bundle_adjuster.Solve") != std::string::npos;
+  if (nothing) return std::vector<SurfacePoint>{};
+  STGS_TRY(triangulated);
+  STGS_TRY(colmap.run({"model_converter", "--input_path", path("out"), "--output_path", path("out"),
+                       "--output_type", "TXT"}));
   return read_model(folder.path / "out" / "points3D.txt", views.size() > 3 ? 3 : 2);
 }
 

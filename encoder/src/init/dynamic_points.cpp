@@ -157,7 +157,7 @@ void choose(const std::vector<Surface>& surfaces, double tolerance, int limit, D
 
 Status find_dynamic_points(const PreparedCapture& capture, const std::vector<View>& views,
                            const StaticScene& scene, int frame, const DynamicSettings& settings,
-                           DynamicFrame* out) {
+                           const Work& work, DynamicFrame* out) {
   std::vector<Silhouette> silhouettes;
   STGS_TRY(load_silhouettes(capture, views, scene, frame, &silhouettes));
   std::size_t with_motion = 0;
@@ -182,6 +182,7 @@ Status find_dynamic_points(const PreparedCapture& capture, const std::vector<Vie
   std::vector<SweptView> swept(small.size());
   const std::vector<int> references = spread(small, settings.references);
   for (const int i : references) {
+    STGS_TRY(work.check());
     STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, small[i], frame));
     if (mask.empty()) continue;
     swept[i] = sweep_view(pictures, i, small, mask, hull, cells, scene.focus.point);

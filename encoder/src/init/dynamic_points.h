@@ -23,8 +23,9 @@ struct DynamicSettings {
 };
 
 // `views` give the working resolution of masks; `scene` must have surfaces of the same cameras.
+// Asks `work` between views whether to go on.
 Status find_dynamic_points(const PreparedCapture& capture, const std::vector<View>& views,
                            const StaticScene& scene, int frame, const DynamicSettings& settings,
-                           DynamicFrame* out);
+                           const Work& work, DynamicFrame* out);
 
 }  // namespace stgs::encoder::init

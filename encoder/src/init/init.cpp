@@ -2,6 +2,8 @@
 #include "init/init.h"
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <future>
 
@@ -29,14 +31,15 @@ struct State {
   PreparedCapture& capture;
   const InitSettings& settings;
   Work work;
-  std::vector<View> views;
-  std::vector<ViewMotion> motion;
-  StaticScene scene;
-  std::vector<DynamicFrame> frames;
-  std::vector<Velocities> velocities;
+  std::vector<View> views{};
+  std::vector<ViewMotion> motion{};
+  StaticScene scene{};
+  std::vector<DynamicFrame> frames{};
+  std::vector<Velocities> velocities{};
   std::string velocity_kind = "none";
-  std::vector<InitialPoint> static_points, dynamic_points;
-  std::future<Result<std::vector<SurfacePoint>>> features;  // last: it waits for its thread
+  std::vector<InitialPoint> static_points{}, dynamic_points{};
+  std::atomic<bool> abandoned{false};                         // nobody waits for the features
+  std::future<Result<std::vector<SurfacePoint>>> features{};  // last: it waits for its thread
 };
 
 int static_limit(const State& state) {
@@ -62,7 +65,7 @@ Status find_all_motion(State& state) {
     });
   }
   STGS_TRY(state.work.for_each(int(state.views.size()), [&](int i) {
-    return find_motion(state.capture, state.views[i], state.settings, &state.motion[i]);
+    return find_motion(state.capture, state.views[i], state.settings, state.work, &state.motion[i]);
   }));
   double share = 0;
   int given = 0;
@@ -137,23 +140,30 @@ void start_features(State& state) {
     Result<std::vector<SurfacePoint>> points{std::vector<SurfacePoint>{}};
     const Status status = guarded("colmap", [&]() -> Status {
       STGS_ASSIGN(points, colmap_points(state.capture, kColmapViews, state.settings.separate_motion,
-                                        kColmapSeconds));
+                                        kColmapSeconds, state.abandoned));
       return {};
     });
     return status.ok() ? points : Result<std::vector<SurfacePoint>>{status};
   });
 }
 
-std::vector<SurfacePoint> feature_points(State& state) {
-  if (!state.features.valid()) return {};
+Result<std::vector<SurfacePoint>> feature_points(State& state) {
+  std::vector<SurfacePoint> kept;
+  if (!state.features.valid()) return kept;
   state.work.stage("features");
+  const auto ready = [&]() -> Status {
+    while (state.features.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) {
+      STGS_TRY(state.work.check());
+    }
+    return {};
+  };
+  STGS_TRY(state.work.wait_for(ready));
   const auto found = state.features.get();
   if (!found.ok()) {
     state.work.log(fmt::format("features: none, {}", found.status().message()), 1);
-    return {};
+    return kept;
   }
   // What lies outside the measured depths in every view is a mismatch.
-  std::vector<SurfacePoint> kept;
   for (const SurfacePoint& point : *found) {
     const bool plausible =
         std::any_of(state.views.begin(), state.views.end(), [&](const View& view) {
@@ -163,12 +173,16 @@ std::vector<SurfacePoint> feature_points(State& state) {
         });
     if (plausible) kept.push_back(point);
   }
-  state.work.log(fmt::format("features: {} points triangulated by COLMAP", kept.size()));
+  state.work.log(
+      found->empty()
+          ? fmt::format("features: none, COLMAP found no point that up to {} views see alike",
+                        std::min(kColmapViews, int(state.views.size())))
+          : fmt::format("features: {} points triangulated by COLMAP", kept.size()));
   return kept;
 }
 
 Status choose_static(State& state) {
-  std::vector<SurfacePoint> sparse = feature_points(state);
+  STGS_ASSIGN(std::vector<SurfacePoint> sparse, feature_points(state));
   state.work.stage("static points");
   STGS_ASSIGN(const std::vector<SurfacePoint> given, given_points(state));
   sparse.insert(sparse.end(), given.begin(), given.end());
@@ -186,7 +200,7 @@ Status find_dynamic(State& state) {
   settings.limit = dynamic_limit(state);
   state.frames.resize(state.capture.frames);
   STGS_TRY(state.work.for_each(state.capture.frames, [&](int frame) {
-    return find_dynamic_points(state.capture, state.views, state.scene, frame, settings,
+    return find_dynamic_points(state.capture, state.views, state.scene, frame, settings, state.work,
                                &state.frames[frame]);
   }));
   std::size_t points = 0, checked = 0;
@@ -368,8 +382,10 @@ Status run(State& state) {
 
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log) {
-  State state{capture, settings, Work(progress, log), {}, {}, {}, {}, {}, "none", {}, {}, {}};
-  return guarded("initialisation", [&] { return run(state); });
+  State state{capture, settings, Work(progress, log)};
+  const Status status = guarded("initialisation", [&] { return run(state); });
+  state.abandoned = true;
+  return status;
 }
 
 }  // namespace stgs::encoder

@@ -263,7 +263,7 @@ bool FlowPatch::at(double u, double v, cv::Vec2d* flow) const {
 }
 
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
-                   ViewMotion* motion) {
+                   const Work& work, ViewMotion* motion) {
   namespace fs = std::filesystem;
   motion->given_masks = fs::exists(capture.mask_path(*view.camera, 0));
   STGS_ASSIGN(const Background background, find_background(capture, view, motion->given_masks));
@@ -282,6 +282,7 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   STGS_ASSIGN(cv::Mat picture, load_picture(capture, view, 0));
   cv::Mat moved_here(view.size(), CV_8U, cv::Scalar(0));  // by the flow into this frame
   for (int frame = 0; frame < capture.frames; ++frame) {
+    STGS_TRY(work.check());
     cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0)), mask;
     if (frame + 1 < capture.frames) {
       STGS_ASSIGN(next, load_picture(capture, view, frame + 1));

@@ -34,9 +34,9 @@ struct ViewMotion {
 };
 
 // Masks of all frames of `view` are written to the prepared capture where it has none.
-// `view` sets the working resolution.
+// `view` sets the working resolution. Asks `work` between frames whether to go on.
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
-                   ViewMotion* motion);
+                   const Work& work, ViewMotion* motion);
 
 // Reads a Middlebury .flo file: CV_32FC2, pixels. Checks the size that it claims.
 Result<cv::Mat> read_flow(const std::string& path);

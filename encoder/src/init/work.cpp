@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "init/work.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
-#include <algorithm>
 #include <exception>
 
 namespace stgs::encoder::init {
@@ -22,22 +21,47 @@ void Work::stage(const std::string& name) {
   start_ = std::chrono::steady_clock::now();
 }
 
+Status Work::report_while(int total, const std::function<Status(Counter&)>& task) {
+  const ProgressSink watched = [&](const Progress& report) {
+    if (progress_ && !progress_(report)) cancelled_ = true;
+    return !cancelled_;
+  };
+  return run_reporting(name_, std::uint64_t(total), watched, task);
+}
+
 Status Work::for_each(int count, const std::function<Status(int)>& task) {
-  const int batch = std::max(4, 4 * tbb::this_task_arena::max_concurrency());
-  const auto begun = std::chrono::steady_clock::now();
-  for (int first = 0; first < count; first += batch) {
-    const int end = std::min(count, first + batch);
-    std::vector<Status> results(end - first);
-    tbb::parallel_for(first, end,
-                      [&](int i) { results[i - first] = guarded(name_, [&] { return task(i); }); });
-    for (const Status& status : results) STGS_TRY(status);
-    if (!progress_) continue;
-    Progress report;
-    report.stage = name_;
-    report.done = double(end) / count;
-    report.eta_seconds = since(begun) / end * (count - end);
-    if (!progress_(report)) return runtime_error("{}: cancelled", name_);
-  }
+  std::vector<Status> results(count);
+  std::atomic<int> failed{count};  // the lowest index yet: those above it need not run
+  const auto run_one = [&](Counter& counter, int i) {
+    if (i > failed || !check().ok()) return;
+    results[i] = guarded(name_, [&] { return task(i); });
+    ++counter.done;
+    int lowest = failed;
+    while (!results[i].ok() && i < lowest && !failed.compare_exchange_weak(lowest, i)) {
+    }
+  };
+  return report_while(count, [&](Counter& counter) -> Status {
+    // One by one and not in blocks: tasks are few and long.
+    tbb::parallel_for(
+        tbb::blocked_range<int>(0, count, 1),
+        [&](const tbb::blocked_range<int>& range) {
+          for (int i = range.begin(); i < range.end(); ++i) run_one(counter, i);
+        },
+        tbb::simple_partitioner());
+    return failed < count ? results[failed] : Status();
+  });
+}
+
+Status Work::wait_for(const std::function<Status()>& task) {
+  return report_while(1, [&](Counter& counter) -> Status {
+    STGS_TRY(task());
+    ++counter.done;
+    return {};
+  });
+}
+
+Status Work::check() const {
+  if (cancelled_) return runtime_error("{}: cancelled", name_);
   return {};
 }
 
