@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <memory>
 #include <sstream>
@@ -142,6 +143,12 @@ InitialPoint decode_point(const std::uint8_t* record, const PlyLayout& layout) {
   return point;
 }
 
+bool finite(const InitialPoint& point) {
+  const auto is_finite = [](float v) { return std::isfinite(v); };
+  return std::all_of(point.position, point.position + 3, is_finite) &&
+         std::all_of(point.velocity, point.velocity + 3, is_finite);
+}
+
 }  // namespace
 
 Result<std::vector<InitialPoint>> read_points(const std::string& path) {
@@ -159,6 +166,9 @@ Result<std::vector<InitialPoint>> read_points(const std::string& path) {
   std::vector<InitialPoint> points(layout.count);
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = decode_point(bytes.data() + i * layout.stride, layout);
+    if (!finite(points[i])) {
+      return invalid_file("{}: point {} has a position or velocity that is not a number", path, i);
+    }
   }
   return points;
 }

@@ -57,19 +57,37 @@ TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
   const Result<Scene> whole = run(synthetic, settings);
   REQUIRE(whole.ok());
 
+  // 35 of 120: growth, the border of the stages and replacement are still to come. 70: replacement.
+  settings.checkpoint_interval = GENERATE(35, 70);
   settings.checkpoint = checkpoint;
-  settings.checkpoint_interval = 35;  // neither a densification step nor the stage's border
   const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
     return progress.stage != "train" || !std::filesystem::exists(checkpoint);
   });
   REQUIRE_FALSE(stopped.ok());
   CHECK(stopped.status().code() == StatusCode::kRuntime);
+  const std::string expected =
+      fmt::format("stopped at iteration {};", settings.checkpoint_interval);
+  REQUIRE(stopped.status().message().find(expected) == 0);
   settings.resume = checkpoint;
   const Result<Scene> resumed = run(synthetic, settings);
   REQUIRE(resumed.ok());
   CHECK(same(whole->gaussians, resumed->gaussians));
+}
 
+TEST_CASE("a checkpoint is only for the settings and the capture that it was made with") {
+  SyntheticCapture synthetic("train_fingerprint");
+  TrainSettings settings = short_run(10);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  REQUIRE(run(synthetic, settings).ok());
+  settings.resume = settings.checkpoint;
+  REQUIRE(run(synthetic, settings).ok());
   settings.seed = 2;
+  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
+  settings.seed = 1;
+  settings.max_seconds = 100;
+  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
+  settings.max_seconds = 0;
+  synthetic.capture.cameras[1].translation[0] += 0.01;
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
 }
 

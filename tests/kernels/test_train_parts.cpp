@@ -191,6 +191,23 @@ TEST_CASE("growth clones the small, splits the large, removes the transparent") 
   CHECK(state.statistics.views[1] == 0);
 }
 
+TEST_CASE("a primitive that is not a number any more does not cost the run") {
+  HyperParameters parameters;
+  parameters.replace_limit = 1.0;
+  TrainState state = random_state(20, 11);
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);
+  TrainState refined = state;
+  refined.set.position[3 * 4 + 1] = std::nanf("");
+  CHECK(replace(refined, parameters, {}).broken == 1);
+  CHECK(std::isfinite(refined.set.position[3 * 4 + 1]));
+  state.velocity[3 * 7] = INFINITY;
+  CHECK(grow(state, parameters, {}).broken == 1);
+  CHECK(state.size() == 19);
+  state.log_sigma[2] = std::nanf("");
+  CHECK(remove_broken(state) == 1);
+  CHECK(state.size() == 18);
+}
+
 TEST_CASE("growth stops at the limit and takes the most urgent") {
   TrainState state = random_state(10, 6);
   HyperParameters parameters;

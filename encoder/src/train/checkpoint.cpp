@@ -74,6 +74,8 @@ class Reader {
 template <typename State, typename Archive>
 void visit_state(State& state, Archive& archive) {
   archive.value(state.iteration);
+  archive.value(state.second_stage);
+  archive.value(state.opacity_resets);
   archive.value(state.seconds);
   archive.value(state.mean_loss);
   archive.value(state.set.sh_degree);

@@ -93,15 +93,29 @@ void keep_most_urgent(std::vector<Candidate>& candidates, std::size_t count) {
             [](const Candidate& a, const Candidate& b) { return a.index < b.index; });
 }
 
+bool finite(const TrainState& state, std::size_t i) {
+  for (int a = 0; a < kAttributes; ++a) {
+    const std::size_t n = state.components(a);
+    const float* values = state.values(a).data() + i * n;
+    for (std::size_t c = 0; c < n; ++c) {
+      if (!std::isfinite(values[c])) return false;
+    }
+  }
+  return std::isfinite(state.set.sigma[i]) && state.set.sigma[i] > 0.0f;
+}
+
+// Those worth keeping; counts those that are not numbers any more.
 std::vector<std::uint32_t> surviving(const TrainState& state, const HyperParameters& parameters,
-                                     float extent) {
+                                     float extent, std::size_t& broken) {
   std::vector<std::uint32_t> kept;
   kept.reserve(state.size());
   const auto too_large = static_cast<float>(parameters.prune_scale) * extent;
   for (std::size_t i = 0; i < state.size(); ++i) {
     const bool transparent =
         math::opacity_of(state.set.opacity_logit[i]) < static_cast<float>(parameters.prune_opacity);
-    if (!transparent && largest_scale(state, i) < too_large) {
+    if (!finite(state, i)) {
+      ++broken;
+    } else if (!transparent && largest_scale(state, i) < too_large) {
       kept.push_back(static_cast<std::uint32_t>(i));
     }
   }
@@ -115,6 +129,16 @@ float cloned_opacity_logit(float logit) {
   const float root = std::sqrt(1.0f - math::opacity_of(logit));
   constexpr float kSmallest = 1e-4f;
   return std::log(math::opacity_of(logit) / (std::max(root, kSmallest) * (1.0f + root)));
+}
+
+std::size_t remove_broken(TrainState& state) {
+  std::vector<std::uint32_t> kept;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    if (finite(state, i)) kept.push_back(static_cast<std::uint32_t>(i));
+  }
+  const std::size_t broken = state.size() - kept.size();
+  if (broken > 0) state.keep(kept);
+  return broken;
 }
 
 void reset_opacity(TrainState& state) {
@@ -132,7 +156,8 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
                    const DensifyContext& context) {
   DensifyCounts counts;
   const std::size_t before = state.size();
-  const std::vector<std::uint32_t> kept = surviving(state, parameters, context.extent);
+  const std::vector<std::uint32_t> kept =
+      surviving(state, parameters, context.extent, counts.broken);
   counts.removed = before - kept.size();
   if (counts.removed > 0) state.keep(kept);
 
@@ -185,7 +210,8 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context) {
   DensifyCounts counts;
   if (state.size() == 0) return counts;
-  const std::vector<std::uint32_t> kept = surviving(state, parameters, context.extent);
+  const std::vector<std::uint32_t> kept =
+      surviving(state, parameters, context.extent, counts.broken);
   std::vector<bool> alive(state.size(), false);
   for (std::uint32_t i : kept) alive[i] = true;
   std::vector<std::uint32_t> dead;

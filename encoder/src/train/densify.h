@@ -12,6 +12,7 @@ namespace stgs::encoder {
 
 struct DensifyCounts {
   std::size_t cloned = 0, split = 0, removed = 0, replaced = 0;
+  std::size_t broken = 0;  // of the removed or replaced: with a value that is not a number
 };
 
 struct DensifyContext {
@@ -37,6 +38,9 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
 
 // Opacity of each of two coinciding copies that together look like one: 1 - sqrt(1 - alpha).
 float cloned_opacity_logit(float logit);
+
+// Removes primitives with a value that is not finite; how many.
+std::size_t remove_broken(TrainState& state);
 
 // Caps every opacity at 0.01, so that what is not needed dies (3DGS; first stage only).
 void reset_opacity(TrainState& state);

@@ -38,7 +38,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("densify_from", p.densify_from);
   visit("densify_until", p.densify_until);
   visit("densify_interval", p.densify_interval);
-  visit("opacity_reset_interval", p.opacity_reset_interval);
+  visit("opacity_resets", p.opacity_resets);
   visit("clone_gradient", p.clone_gradient);
   visit("split_gradient", p.split_gradient);
   visit("split_scale", p.split_scale);
@@ -80,6 +80,7 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
   if (preset == "best") {
     p.iterations = 20000;
     p.max_primitives = 200000;
+    p.opacity_resets = 1;
     return p;
   }
   return usage_error("unknown preset '{}': use fast, default or best", preset);

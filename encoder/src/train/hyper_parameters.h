@@ -44,9 +44,9 @@ struct HyperParameters {
   double coarse_until = 0.25;     // half-size pictures up to here
   double stage1_until = 1.0 / 3;  // growth; then N is frozen (paper 3.2)
   double densify_from = 0.03;
-  double densify_until = 0.85;        // last replacement of the second stage
-  int densify_interval = 100;         // iterations
-  int opacity_reset_interval = 3000;  // iterations, first stage only
+  double densify_until = 0.85;  // last replacement of the second stage
+  int densify_interval = 100;   // iterations
+  int opacity_resets = 0;       // spread evenly over the first stage
 
   // Densification. Gradients are of the loss by image position, in half image widths.
   double clone_gradient = 2e-4;

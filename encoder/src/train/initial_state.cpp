@@ -87,7 +87,8 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
     }
   }
   Random random(seed, 0, RandomPurpose::kInitial);
-  const auto budget = static_cast<std::size_t>(kInitialShare * parameters.max_primitives);
+  const auto budget =
+      std::max(std::size_t{1}, static_cast<std::size_t>(kInitialShare * parameters.max_primitives));
   const auto dynamic_budget = static_cast<std::size_t>(kDynamicShare * static_cast<double>(budget));
   const std::size_t static_kept =
       std::min(fixed.size(), budget - std::min(dynamic_budget, moving.size()));

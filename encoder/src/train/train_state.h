@@ -59,8 +59,10 @@ struct TrainState {
   std::vector<std::uint32_t> colour_updates;
 
   std::uint64_t iteration = 0;
-  double seconds = 0;    // spent so far
-  double mean_loss = 0;  // running mean
+  std::uint32_t second_stage = 0;    // 1: N is frozen
+  std::uint32_t opacity_resets = 0;  // done so far
+  double seconds = 0;                // spent so far
+  double mean_loss = 0;              // running mean
 
   std::size_t size() const { return log_sigma.size(); }
   int components(int attribute) const;

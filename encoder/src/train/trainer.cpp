@@ -2,6 +2,7 @@
 #include "train/trainer.h"
 
 #include <sys/resource.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <cmath>
@@ -129,10 +130,17 @@ std::string Trainer::fingerprint() const {
   json["frames"] = capture_.frames;
   json["first_frame"] = capture_.first_frame;
   json["source"] = capture_.source;
+  json["max_seconds"] = settings_.max_seconds;
+  json["scene"] = {capture_.near_plane, capture_.extent, capture_.scene_radius};
   for (const Camera& camera : images_.cameras()) {
-    json["cameras"].push_back(fmt::format("{} {}x{}", camera.name, camera.width, camera.height));
+    std::vector<double> numbers = {camera.fx, camera.fy, camera.cx, camera.cy};
+    numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
+    numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
+    const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
+    json["cameras"].push_back(
+        fmt::format("{} {}x{} {:016x}", camera.name, camera.width, camera.height, hash));
   }
-  return json.dump();
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 double Trainer::share() const {
@@ -172,7 +180,7 @@ StepInput Trainer::step_input() {
       p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
   input.modulated = ablation_.modulation;
   input.learn_radius = ablation_.radius;
-  input.second_stage = second_stage_;
+  input.second_stage = state_.second_stage != 0;
   input.gather_statistics = done < p.densify_until;
   input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
   input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
@@ -197,17 +205,22 @@ void Trainer::densify() {
   const HyperParameters& p = parameters_;
   const double done = share();
   const bool now = state_.iteration % static_cast<std::uint64_t>(p.densify_interval) == 0;
-  const bool entering = !second_stage_ && done >= p.stage1_until;
-  if (entering) second_stage_ = true;
+  if (done >= p.stage1_until) state_.second_stage = 1;
   if (!now || done < p.densify_from || done >= p.densify_until) return;
   const DensifyContext context{capture_.extent, ablation_.modulation,
                                static_cast<float>(capture_.frames), settings_.seed};
   backend_->synchronise();
-  const DensifyCounts counts =
-      second_stage_ ? replace(state_, p, context) : grow(state_, p, context);
-  const auto reset_interval = static_cast<std::uint64_t>(p.opacity_reset_interval);
-  if (!second_stage_ && reset_interval > 0 && state_.iteration % reset_interval == 0) {
+  const bool refining = state_.second_stage != 0;
+  const DensifyCounts counts = refining ? replace(state_, p, context) : grow(state_, p, context);
+  const double resets_due = done / p.stage1_until * (p.opacity_resets + 1);
+  if (!refining && state_.opacity_resets + 1 <= resets_due) {
     reset_opacity(state_);
+    ++state_.opacity_resets;
+  }
+  if (counts.broken > 0) {
+    log_(1,
+         fmt::format("iteration {}: {} primitives had values that are not numbers and were removed",
+                     state_.iteration, counts.broken));
   }
   state_.derive_all(ablation_.modulation);
   backend_->begin(state_);
@@ -222,8 +235,8 @@ Status Trainer::save_checkpoint() {
   return write_checkpoint(settings_.checkpoint, state_, fingerprint());
 }
 
-bool Trainer::report_progress() {
-  if (seconds_since(reported_) < kProgressInterval && !finished()) return true;
+bool Trainer::report_progress(bool now) {
+  if (!now && seconds_since(reported_) < kProgressInterval && !finished()) return true;
   reported_ = Clock::now();
   if (!progress_) return true;
   const double done = share();
@@ -245,7 +258,6 @@ void Trainer::write_log(const StepOutput& output) {
 
 Status Trainer::run() {
   started_ = Clock::now();
-  second_stage_ = share() >= parameters_.stage1_until;
   backend_->begin(state_);
   while (!finished()) {
     const StepOutput output = backend_->step(step_input());
@@ -260,8 +272,9 @@ Status Trainer::run() {
     densify();
     write_log(output);
     const auto interval = static_cast<std::uint64_t>(std::max(settings_.checkpoint_interval, 1));
-    if (state_.iteration % interval == 0) STGS_TRY(save_checkpoint());
-    if (!report_progress()) {
+    const bool checkpoint = state_.iteration % interval == 0;
+    if (checkpoint) STGS_TRY(save_checkpoint());
+    if (!report_progress(checkpoint)) {
       STGS_TRY(save_checkpoint());
       return runtime_error("stopped at iteration {}; {}", state_.iteration,
                            settings_.checkpoint.empty()
@@ -270,6 +283,9 @@ Status Trainer::run() {
     }
   }
   backend_->synchronise();
+  if (const std::size_t broken = remove_broken(state_); broken > 0) {
+    log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
+  }
   return save_checkpoint();
 }
 

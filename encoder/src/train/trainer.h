@@ -42,7 +42,8 @@ class Trainer {
   std::size_t view_of_iteration();
   void densify();
   Status save_checkpoint();
-  bool report_progress();
+  // At most every tenth of a second, but `now` always; false: stop.
+  bool report_progress(bool now);
   void write_log(const StepOutput& output);
 
   PreparedCapture capture_;
@@ -54,7 +55,6 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::unique_ptr<TrainBackend> backend_;
-  bool second_stage_ = false;
   std::uint64_t epoch_ = ~std::uint64_t{0};
   std::vector<std::uint32_t> order_;  // of the views of epoch_
   std::chrono::steady_clock::time_point started_, reported_;

@@ -4,11 +4,14 @@
 #include <tbb/parallel_for.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <mutex>
 
 namespace stgs::encoder {
 namespace {
+
+constexpr int kSmallestSide = 16;  // pixels; half of it is still a picture
 
 // Mean of 2x2 pixels; an odd last row or column is left out.
 Image8 half_size(const Image8& image) {
@@ -56,6 +59,11 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture,
   if (images.cameras_.empty()) {
     return usage_error("{}: every camera is held out; leave at least one for training",
                        capture.folder);
+  }
+  for (const Camera& camera : images.cameras_) {
+    if (std::min(camera.width, camera.height) >= kSmallestSide) continue;
+    return unsupported("{}: the frames of camera '{}' are {}x{}; training needs {} pixels a side",
+                       capture.folder, camera.name, camera.width, camera.height, kSmallestSide);
   }
   STGS_TRY(check_memory(images.cameras_, capture.frames));
   for (auto& level : images.images_) level.resize(images.views());
