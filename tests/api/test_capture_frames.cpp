@@ -4,6 +4,7 @@
 #include <opencv2/calib3d.hpp>
 
 #include "capture_fixture.h"
+#include "src/capture/run_program.h"
 
 namespace stgs::encoder::capture_test {
 namespace {
@@ -287,6 +288,68 @@ TEST_CASE("prepare leaves the whole folder or nothing") {
     settings.test_cameras = {"cam09"};
     CHECK(says(prepare(folder / "in", out, settings, {}, log), {"cam09", "cam03"}));
   }
+}
+
+// A .flo file of one flow everywhere; `width` may lie, to make it a bad one.
+void write_flow(const std::string& path, float u, float v, std::int32_t width = kWidth) {
+  std::string bytes;
+  append(bytes, 202021.25f);
+  append(bytes, width);
+  append(bytes, std::int32_t{kHeight});
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    append(bytes, u);
+    append(bytes, v);
+  }
+  write_bytes(path, bytes);
+}
+
+TEST_CASE("prepare uses the flow and the masks beside a capture") {
+  const Folder folder;
+  const std::string in = folder / "in";
+  write_n3dv(in, 4, 3);
+  const auto log = [](int, const std::string& line) { log_lines().push_back(line); };
+  log_lines().clear();
+
+  SECTION("flow is read, by camera and source frame") {
+    PrepareSettings settings;
+    settings.first_frame = 1;
+    write_flow(in + "/flow/cam02/000001.flo", 3, 0, 30000);
+    CHECK(says(prepare(in, folder / "out", settings, {}, log), {"cam02/000001.flo"}));
+    write_flow(in + "/flow/cam02/000001.flo", 3, 0);
+    write_flow(in + "/flow/cam00/000001.flo", 3, 0, 30000);  // of the held-out camera
+    write_flow(in + "/flow/cam02/000000.flo", 3, 0, 30000);  // before the first frame
+    const Status status = prepare(in, folder / "out", settings, {}, log);
+    INFO(status.message());
+    CHECK(status.ok());
+  }
+  SECTION("masks are kept as they are") {
+    cv::Mat mask = cv::Mat::zeros(kHeight, kWidth, CV_8UC1);
+    mask.colRange(0, kWidth / 2).setTo(255);
+    for (int f = 0; f < 3; ++f) write_picture(fmt::format("{}/masks/cam02/{:06}.png", in, f), mask);
+    const Status status = prepare(in, folder / "out", {}, {}, log);
+    INFO(status.message());
+    REQUIRE(status.ok());
+    const auto prepared = read_prepared_capture(folder / "out");
+    REQUIRE(prepared.ok());
+    const auto kept = load_mask(*prepared, prepared->cameras[2], 1);
+    REQUIRE(kept.ok());
+    CHECK(int(kept->data[0]) == 255);
+    CHECK(int(kept->data[kWidth - 1]) == 0);
+  }
+}
+
+TEST_CASE("why a program failed is its own last error line") {
+  const Folder folder;
+  const std::string log = folder / "log.txt";
+  write_text(log,
+             "working\nE20240102 03:04:05.678901  12 a.cc:1] first\n"
+             "F20240102 03:04:05.678901  12 sfm.cc:473] Check failed: solved \n"
+             "*** Check failure stack trace: ***\n    @     0x7fc7  main\n");
+  CHECK(failure_reason(log) == ": Check failed: solved");
+  write_text(log, "ERROR: Failed to parse options\n");
+  CHECK(failure_reason(log) == ": Failed to parse options");
+  write_text(log, "one\ntwo\n");
+  CHECK(failure_reason(log) == "; its last lines were:\n  one\n  two");
 }
 
 }  // namespace

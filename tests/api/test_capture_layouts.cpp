@@ -225,6 +225,20 @@ void write_colmap_binary(const Folder& folder) {
   write_video(folder / "videos/left.mp4", 0, 2);
 }
 
+TEST_CASE("colmap: the model's points are among the initial ones") {
+  const Folder folder;
+  write_colmap_text(folder);
+  write_text(folder / "sparse/0/points3D.txt", "1 0.25 0.125 -0.25 1 254 3 0.4 1 2 3 4\n");
+  const Status status = prepare(folder.path, folder / "out", {}, {}, {});
+  INFO(status.message());
+  REQUIRE(status.ok());
+  const auto points = read_points(folder / "out/points_static.ply");
+  REQUIRE(points.ok());
+  CHECK(std::count_if(points->begin(), points->end(), [](const InitialPoint& p) {
+          return p.position[0] == 0.25f && p.position[2] == -0.25f && p.colour[1] == 254;
+        }) == 1);
+}
+
 TEST_CASE("colmap: binary models, a video a camera") {
   const Folder folder;
   write_colmap_binary(folder);

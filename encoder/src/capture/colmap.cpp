@@ -160,7 +160,6 @@ Result<SourceCapture> load_colmap(const std::string& folder) {
           "or video of its name in images/, videos/ and the folder itself",
           folder, camera.name, images[i]);
     }
-    STGS_TRY(find_masks(folder + "/masks", camera.name, camera));
   }
   capture.points = std::move(model.points);
   return capture;

@@ -3,6 +3,7 @@
 // intri.yml: names, a list of cameras XX; K_XX; D_XX or dist_XX; H_XX and W_XX where stated.
 // extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
 // Frames are images/XX/ or videos/XX.*, masks are masks/XX/ or mask/XX/.
+#include <filesystem>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
@@ -77,8 +78,9 @@ Result<SourceCamera> read_camera(const std::string& folder, const std::string& n
     return io_error("{}: camera '{}' has no frames; looked for images/{}/ and videos/{}.mp4",
                     folder, name, name, name);
   }
-  STGS_TRY(find_masks(folder + "/masks", name, camera));
-  if (camera.masks.empty()) STGS_TRY(find_masks(folder + "/mask", name, camera));
+  if (!std::filesystem::is_directory(folder + "/masks/" + name)) {
+    STGS_TRY(find_masks(folder + "/mask", name, camera));
+  }
   return camera;
 }
 

@@ -174,6 +174,9 @@ Result<SourceCapture> load_source(const std::string& folder, const PrepareSettin
   capture->layout = layout;
   capture->folder = folder;
   if (fs::is_directory(folder + "/flow")) capture->flow_folder = folder + "/flow";
+  for (SourceCamera& camera : capture->cameras) {
+    if (camera.masks.empty()) STGS_TRY(find_masks(folder + "/masks", camera.name, camera));
+  }
   STGS_TRY(check(*capture));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (own_split) choose_test_camera(*capture, log);

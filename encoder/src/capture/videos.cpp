@@ -125,9 +125,6 @@ Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
     capture.cameras = std::move(found);
     STGS_TRY(calibrate(first_frame, capture, progress, log));
   }
-  for (SourceCamera& camera : capture.cameras) {
-    STGS_TRY(find_masks(folder + "/masks", camera.name, camera));
-  }
   return capture;
 }
 
