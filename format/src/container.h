@@ -17,7 +17,10 @@ namespace stgs {
 inline constexpr std::array<std::uint8_t, 8> kMagic = {0x89, 'S', 'T', 'G', 0x0D, 0x0A, 0x1A, 0x0A};
 inline constexpr std::uint64_t kHeaderBytes = 40;
 inline constexpr std::uint64_t kRecordHeaderBytes = 32;
-inline constexpr std::uint32_t kCritical = 1;                  // record flag, spec 3.2
+inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.2
+// The most bytes that the coders of this version expand one stored byte to (spec 5.5, 7.2): zstd
+// stores 128 KiB of one value in 4 bytes.
+inline constexpr std::uint64_t kMaxExpansion = 32768;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
 
 constexpr std::uint32_t tag_of(const char (&text)[5]) {
@@ -91,8 +94,14 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
 // `offset` is where `bytes` begin in the file; `area_end` where the payload must end at the latest.
 bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
                          std::uint64_t area_end, RecordHeader& header, Findings& findings);
+// Whether this version reads a record of these flags; reports what may be neither read nor skipped.
+// `offset` is the record's. `known_tag`: the tag is one that may stand here.
+bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
+                 Findings& findings);
 bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
                    std::uint64_t offset, Findings& findings);
+// What META must hold beyond its layout (spec 4.3): a writer checks it too.
+void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings);
 bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                     FileMetadata& metadata, Findings& findings);
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,

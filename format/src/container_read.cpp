@@ -10,10 +10,9 @@ namespace {
 
 using N = IssueNumber;
 
-// The most bytes that the coders of this version expand one stored byte to (spec 5.5): zstd stores
-// 128 KiB of one value in 4 bytes.
-constexpr std::uint64_t kMaxExpansion = 32768;
 constexpr int kMaxLevel = 30;
+constexpr std::uint32_t kMaxSide = 32768;    // pixels of a start camera, spec 4.3
+constexpr double kRotationTolerance = 1e-3;  // spec 4.3
 
 bool is_utf8(std::string_view text) {
   for (std::size_t i = 0; i < text.size();) {
@@ -36,29 +35,38 @@ bool all_finite(std::span<const float> values) {
   return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
 }
 
-void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings) {
-  const SceneMetadata& scene = metadata.scene;
-  const bool finite = all_finite(scene.background) && all_finite(scene.bounds_min) &&
-                      all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
-  if (!finite || scene.near_plane < 0.0f) {
+// Rows of unit length at right angles, and no mirror.
+bool is_rotation(const float (&r)[9]) {
+  const auto dot = [&r](int a, int b) {
+    double sum = 0.0;
+    for (int c = 0; c < 3; ++c) sum += static_cast<double>(r[3 * a + c]) * r[3 * b + c];
+    return sum;
+  };
+  for (int a = 0; a < 3; ++a) {
+    for (int b = a; b < 3; ++b) {
+      if (!(std::abs(dot(a, b) - (a == b ? 1.0 : 0.0)) <= kRotationTolerance)) return false;
+    }
+  }
+  return r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
+             r[2] * (r[3] * r[7] - r[4] * r[6]) >
+         0.0f;
+}
+
+void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
+  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxSide; };
+  if (!side(camera.width) || !side(camera.height)) {
     findings.error(N::kMetadataValue, offset,
-                   "metadata: background, bounds or near plane is not a finite number >= 0");
+                   "metadata: a start camera of {}x{} pixels; each side is 1 to {}", camera.width,
+                   camera.height, kMaxSide);
   }
-  for (int axis = 0; axis < 3; ++axis) {
-    if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
-      findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
-    }
+  const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
+  if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
+      camera.fy <= 0.0f) {
+    findings.error(N::kMetadataValue, offset, "metadata: the start camera is not a camera");
   }
-  if (scene.start_camera) {
-    const StartCamera& camera = *scene.start_camera;
-    const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
-    if (!all_finite(camera.rotation) || !all_finite(camera.translation) ||
-        !all_finite(intrinsics) || camera.fx <= 0.0f || camera.fy <= 0.0f) {
-      findings.error(N::kMetadataValue, offset, "metadata: the start camera is not a camera");
-    }
-  }
-  if (!is_utf8(scene.generator) || !is_utf8(scene.title)) {
-    findings.error(N::kMetadataText, offset, "metadata: generator or title is not UTF-8");
+  if (!is_rotation(camera.rotation)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: the start camera's rotation is not a rotation");
   }
 }
 
@@ -80,7 +88,8 @@ bool check_entry(const IndexEntry& entry, std::size_t i, std::uint64_t offset,
                    i, entry.offset, entry.bytes, body_at, header.file_bytes);
     return false;
   }
-  if (entry.primitives == 0 || entry.primitives / kMaxExpansion > entry.bytes) {
+  if (entry.primitives == 0 ||
+      (entry.primitives + kMaxExpansion - 1) / kMaxExpansion > entry.bytes) {
     findings.error(N::kSegmentCount, offset, "index: segment {} claims {} primitives in {} bytes",
                    i, entry.primitives, entry.bytes);
     return false;
@@ -133,16 +142,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
-    const bool known =
-        (record.tag == kMetadataTag || record.tag == kIndexTag) && (record.flags & ~kCritical) == 0;
-    if (!known) {
-      if ((record.flags & kCritical) != 0) {  // spec 3.4
-        findings.unsupported(N::kUnknownCritical, payload_at - kRecordHeaderBytes,
-                             "record '{}' is needed to read this file and unknown to this version",
-                             tag_text(record.tag));
-      }
-      continue;
-    }
+    const bool known = record.tag == kMetadataTag || record.tag == kIndexTag;
+    if (!check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
     bool& have = record.tag == kMetadataTag ? have_metadata : have_index;
     if (have) {
@@ -260,12 +261,45 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
   return true;
 }
 
+bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
+                 Findings& findings) {  // spec 3.2, 3.4
+  if (known_tag && header.flags == kCritical) return true;
+  if ((header.flags & kCritical) != 0) {
+    findings.unsupported(N::kUnknownCritical, offset,
+                         "record '{}' with flags {:#x} is critical and unknown to this version",
+                         tag_text(header.tag), header.flags);
+  } else if (known_tag && header.flags == 0) {
+    findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
+                   tag_text(header.tag));
+  }
+  return false;
+}
+
 bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
                    std::uint64_t offset, Findings& findings) {
   if (checksum(payload) == header.checksum) return true;
   findings.error(N::kRecordChecksum, offset, "record '{}' is damaged (checksum of {} bytes)",
                  tag_text(header.tag), payload.size());
   return false;
+}
+
+void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings) {
+  const SceneMetadata& scene = metadata.scene;
+  const bool finite = all_finite(scene.background) && all_finite(scene.bounds_min) &&
+                      all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
+  if (!finite || scene.near_plane < 0.0f) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: background, bounds or near plane is not a finite number >= 0");
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
+      findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
+    }
+  }
+  if (scene.start_camera) check_start_camera(*scene.start_camera, offset, findings);
+  if (!is_utf8(scene.generator) || !is_utf8(scene.title)) {
+    findings.error(N::kMetadataText, offset, "metadata: generator or title is not UTF-8");
+  }
 }
 
 bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
@@ -303,7 +337,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   }
   scene.metric = units == 1;
   metadata.profile = static_cast<Profile>(profile);
-  if (camera.width != 0 && camera.height != 0) scene.start_camera = camera;
+  if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
     findings.error(N::kTimeBase, offset, "metadata: {} frames of {}/{} s", scene.frames,
                    scene.time_base.numerator, scene.time_base.denominator);

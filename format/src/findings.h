@@ -29,11 +29,12 @@ enum class IssueNumber : int {
   kUnknownCritical = 113,     // a critical record that is not known
   kDuplicateRecord = 114,     // a second META or INDX
   kMissingRecord = 115,       // no META or INDX
+  kNotCritical = 116,         // META, INDX or SEGM without the critical bit
   kMetadataLayout = 200,      // too short
   kMetadataConvention = 201,  // an unknown unit, axis, colour or SH convention, or profile
   kTimeBase = 202,            // zero numerator or denominator, or no frames
   kShDegree = 203,            //
-  kMetadataValue = 204,       // not finite, or bounds inverted
+  kMetadataValue = 204,       // not finite, bounds inverted, or a start camera that is none
   kMetadataText = 205,        // not UTF-8
   kIndexLayout = 300,         // sizes do not add up
   kChunk = 301,               // chunk length not positive
@@ -54,6 +55,7 @@ enum class IssueNumber : int {
   kStreamCorrupt = 405,       // the coder fails or gives another size
   kStreamChecksum = 406,      // decoded bytes differ
   kStreamValue = 407,         // an integer outside what the mapping allows
+  kStreamPadding = 408,       // bits behind a plane's last digit that are not 0
   kNotFinite = 500,           // a decoded value is not finite
   kSigma = 501,               // sigma <= 0
   kRadius = 502,              // radius < 0

@@ -50,17 +50,14 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
     }
     RecordHeader record;
     if (!parse_record_header(bytes, at, end, record, findings)) return;
-    if (record.tag != kSegmentTag && (record.flags & kCritical) != 0) {  // spec 3.4
-      findings.unsupported(N::kUnknownCritical, at, "critical record '{}' outside the head",
-                           tag_text(record.tag));
-    }
+    const bool segment = check_flags(record, record.tag == kSegmentTag, at, findings);
     bytes.resize(record.length);
     if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
     check_payload(record, bytes, at + kRecordHeaderBytes, findings);
     const bool base_layer = bytes.size() >= 4 && bytes[2] == 0 && bytes[3] == 0;  // spec 5.7, 6.1
-    if (record.tag == kSegmentTag && base_layer) {
+    if (segment && base_layer) {
       findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
     }
     at += kRecordHeaderBytes + record.length;
@@ -70,6 +67,7 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
 void check_segments(const ByteSource& source, const FileHead& head, Findings& findings) {
   std::vector<std::uint64_t> bytes(attributes_of(3).size() + 1, 0);
   std::uint64_t at = head.header.head_bytes;
+  bool all_parsed = true;
   for (std::uint32_t i = 0; i < head.index.entries.size(); ++i) {
     const IndexEntry& entry = head.index.entries[i];
     walk_unlisted(source, at, std::min(entry.offset, source.size()), findings);
@@ -78,6 +76,7 @@ void check_segments(const ByteSource& source, const FileHead& head, Findings& fi
     std::vector<std::uint8_t> record;
     Gaussians4D set;
     const bool parsed = read_segment(source, head, i, streams, record, findings);
+    all_parsed &= parsed;
     for (const LocatedStream& stream : streams) bytes[stream.entry.attribute] += stream.entry.bytes;
     if (parsed && decode_streams(streams, i, entry.primitives, head.metadata, set, findings)) {
       check_values(set, head, i, findings);
@@ -85,6 +84,7 @@ void check_segments(const ByteSource& source, const FileHead& head, Findings& fi
   }
   // A file that is longer or shorter than it says has been reported.
   walk_unlisted(source, at, std::min(head.header.file_bytes, source.size()), findings);
+  if (!all_parsed) return;  // the totals need every table
   for (const AttributeBytes& row : head.index.attributes) {
     const bool known = row.attribute > 0 && row.attribute < bytes.size();
     if (known && row.bytes != bytes[row.attribute]) {

@@ -77,6 +77,14 @@ Status check_values(const Gaussians4D& set) {
   return {};
 }
 
+// What a reader would refuse is not written.
+Status check_metadata(const FileMetadata& metadata) {
+  Findings findings;
+  check_metadata_values(metadata, 0, findings);
+  if (findings.ok()) return {};
+  return usage_error("{}", findings.take().front().message);
+}
+
 Integers float_bits(const Gaussians4D& set, Attribute attribute) {
   Integers out;
   out.attribute = attribute;
@@ -201,6 +209,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     if (quantiser) snapped = quantiser->snap_lifespans(scene.gaussians);
     const Gaussians4D& set = quantiser ? snapped : scene.gaussians;
     set_bounds(set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
+    STGS_TRY(check_metadata(metadata));
     Body body =
         encode_body(set, quantiser, chunk_ticks, scene.metadata.frames, settings.zstd_level);
     if (order != nullptr) *order = std::move(body.order);

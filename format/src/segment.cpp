@@ -120,6 +120,13 @@ bool parse_segment(std::span<const std::uint8_t> payload, std::uint64_t offset,
 bool decode_streams(std::span<const LocatedStream> streams, std::uint32_t ordinal,
                     std::uint32_t primitives, const FileMetadata& metadata, Gaussians4D& set,
                     Findings& findings) {
+  // All streams of a segment must be able to fill it before any memory of its size is taken.
+  bool sizes_good = true;
+  for (const LocatedStream& stream : streams) {
+    sizes_good &=
+        check_size(stream.entry, stream.stored, primitives, {ordinal, stream.offset}, findings);
+  }
+  if (!sizes_good) return false;
   set.sh_degree = metadata.sh_degree;
   set.resize(primitives);
   std::vector<Findings> found(streams.size());
@@ -170,6 +177,11 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
                    ordinal, tag_text(header.tag), header.length);
     return false;
   }
+  if ((header.flags & kCritical) == 0) {  // what the index lists cannot be skipped
+    findings.error(N::kNotCritical, entry.offset, "segment {} is not marked critical", ordinal);
+    return false;
+  }
+  if (!check_flags(header, true, entry.offset, findings)) return false;
   const auto payload = std::span<const std::uint8_t>(record).subspan(kRecordHeaderBytes);
   const std::uint64_t payload_at = entry.offset + kRecordHeaderBytes;
   if (checksum(payload) != header.checksum) {

@@ -76,7 +76,11 @@ constexpr std::uint64_t plane_bytes(std::uint64_t n, int digit_bits) {
 }
 // Checks a row against what this version knows.
 bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings);
-// Entropy-decodes to components x digits planes and checks them.
+// Compares the size that the stored bytes state with that of the planes (spec 7.2); allocates
+// nothing.
+bool check_size(const StreamEntry& entry, std::span<const std::uint8_t> stored,
+                std::uint64_t primitives, StreamPlace place, Findings& findings);
+// Entropy-decodes to components x digits planes and checks them. check_size must have passed.
 bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> stored,
                    std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
                    Findings& findings);

@@ -100,7 +100,7 @@ bool map_truncated(const StreamEntry& entry, const std::uint32_t* q, std::size_t
     out.to[i * out.stride] =
         std::bit_cast<float>(static_cast<std::uint32_t>(bits)) - entry.origin[1];
   }
-  return good;
+  return good && excess(q, count) == 0;
 }
 
 bool map_displacement(const StreamEntry& entry, int component, const std::uint32_t* q,
@@ -205,6 +205,33 @@ bool digits_fit(const StreamEntry& entry, bool morton) {
   return width && bits >= 1 && bits <= 32;
 }
 
+// Bytes of all planes of a stream (spec 7.3).
+std::uint64_t planes_bytes(const StreamEntry& entry, std::uint64_t primitives) {
+  return plane_bytes(primitives, entry.digit_bits) * entry.components * entry.digits;
+}
+
+// What is wrong with the one frame that `stored` must be (spec 7.2), or null.
+const char* decompress(std::span<const std::uint8_t> stored, std::vector<std::uint8_t>& planes) {
+  const std::size_t frame = ZSTD_findFrameCompressedSize(stored.data(), stored.size());
+  if (ZSTD_isError(frame)) return ZSTD_getErrorName(frame);
+  if (frame != stored.size()) return "bytes after the frame";
+  const std::size_t got =
+      ZSTD_decompress(planes.data(), planes.size(), stored.data(), stored.size());
+  if (ZSTD_isError(got)) return ZSTD_getErrorName(got);
+  return got == planes.size() ? nullptr : "another size";
+}
+
+bool padding_is_zero(const StreamEntry& entry, std::span<const std::uint8_t> planes,
+                     std::uint64_t primitives) {
+  const std::uint64_t used = primitives * entry.digit_bits % 8;  // bits of a plane's last byte
+  if (used == 0) return true;
+  const std::uint64_t plane = plane_bytes(primitives, entry.digit_bits);
+  unsigned excess_bits = 0;
+  for (std::uint64_t end = plane; end <= planes.size(); end += plane)
+    excess_bits |= unsigned{planes[end - 1]} >> used;
+  return excess_bits == 0;
+}
+
 }  // namespace
 
 int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
@@ -243,29 +270,32 @@ bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings
   return true;
 }
 
+bool check_size(const StreamEntry& entry, std::span<const std::uint8_t> stored,
+                std::uint64_t primitives, StreamPlace place, Findings& findings) {
+  const std::uint64_t size = planes_bytes(entry, primitives);
+  bool good = stored.size() == size;
+  if (static_cast<Coder>(entry.coder) == Coder::kZstd) {
+    good = ZSTD_getFrameContentSize(stored.data(), stored.size()) == size &&
+           size / kMaxExpansion <= stored.size();
+  }
+  if (!good) {
+    findings.error(N::kStreamCorrupt, place.offset,
+                   "segment {}, {}: the stream does not hold the {} bytes of {} primitives",
+                   place.segment, name_of(static_cast<Attribute>(entry.attribute)), size,
+                   primitives);
+  }
+  return good;
+}
+
 bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> stored,
                    std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
                    Findings& findings) {
   const char* name = name_of(static_cast<Attribute>(entry.attribute));
-  const std::uint64_t size =
-      plane_bytes(primitives, entry.digit_bits) * entry.components * entry.digits;
-  const bool zstd = static_cast<Coder>(entry.coder) == Coder::kZstd;
-  // The frame states its size: checked before anything is allocated (spec 7.2).
-  const std::uint64_t stated =
-      zstd ? ZSTD_getFrameContentSize(stored.data(), stored.size()) : stored.size();
-  if (stated != size) {
-    findings.error(N::kStreamCorrupt, place.offset,
-                   "segment {}, {}: the stream does not hold the {} bytes of {} primitives",
-                   place.segment, name, size, primitives);
-    return false;
-  }
-  planes.resize(size);
-  if (zstd) {
-    const std::size_t got =
-        ZSTD_decompress(planes.data(), planes.size(), stored.data(), stored.size());
-    if (ZSTD_isError(got) || got != size) {
+  planes.resize(planes_bytes(entry, primitives));
+  if (static_cast<Coder>(entry.coder) == Coder::kZstd) {
+    if (const char* problem = decompress(stored, planes); problem != nullptr) {
       findings.error(N::kStreamCorrupt, place.offset, "segment {}, {}: zstd: {}", place.segment,
-                     name, ZSTD_isError(got) ? ZSTD_getErrorName(got) : "another size");
+                     name, problem);
       return false;
     }
   } else {
@@ -274,6 +304,11 @@ bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> store
   if (checksum(planes) != entry.checksum) {
     findings.error(N::kStreamChecksum, place.offset, "segment {}, {}: decoded bytes are wrong",
                    place.segment, name);
+    return false;
+  }
+  if (!padding_is_zero(entry, planes, primitives)) {
+    findings.error(N::kStreamPadding, place.offset,
+                   "segment {}, {}: bits behind the last primitive are not 0", place.segment, name);
     return false;
   }
   return true;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a reader and the validator say of damaged and hostile files.
+#include <sys/resource.h>
 #include <xxhash.h>
 
 #include <algorithm>
@@ -190,6 +191,26 @@ TEST_CASE("the metadata's fields are checked one by one") {
   CHECK(first_issue(whole, at, 136, std::uint8_t{0xFF}) == 205);
 }
 
+TEST_CASE("a start camera must be a camera") {
+  Scene scene = random_scene(2, 0, 30, 21);
+  StartCamera camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 500.0f;
+  scene.metadata.start_camera = camera;
+  const auto whole = encode_scene(scene, {});
+  REQUIRE(whole.ok());
+  REQUIRE(issues_of(*whole).empty());
+  const std::size_t at = metadata_at(*whole);
+  CHECK(first_issue(*whole, at, 60, std::uint32_t{0}) == 204);
+  CHECK(first_issue(*whole, at, 60, std::uint32_t{32769}) == 204);
+  CHECK(first_issue(*whole, at, 64, ~std::uint32_t{0}) == 204);
+  CHECK(first_issue(*whole, at, 68, -1.0f) == 204);  // a mirror
+  CHECK(first_issue(*whole, at, 72, 0.01f) == 204);  // a shear
+  CHECK(first_issue(*whole, at, 72, 3e38f) == 204);
+  CHECK(first_issue(*whole, at, 116, 0.0f) == 204);
+}
+
 TEST_CASE("the index's claims are checked before anything is allocated") {
   const Bytes whole = small_file(Profile::kLossless);
   const std::size_t at = index_at(whole);
@@ -206,6 +227,10 @@ TEST_CASE("the index's claims are checked before anything is allocated") {
   CHECK(first_issue(whole, at, entry + 16, ~std::uint64_t{0}) == 304);
   CHECK(first_issue(whole, at, entry + 24, ~std::uint32_t{0}) == 305);
   CHECK(first_issue(whole, at, entry + 24, std::uint32_t{0}) == 305);
+  const auto stored = get<std::uint64_t>(whole, at + kRecord + entry + 16);
+  const auto most = static_cast<std::uint32_t>(32768 * stored);
+  CHECK(first_issue(whole, at, entry + 24, most) == 306);
+  CHECK(first_issue(whole, at, entry + 24, most + 1) == 305);
   CHECK(first_issue(whole, at, entry + 28, std::int16_t{-1}) == 303);
   ReadLimits limits;
   limits.max_primitives = 39;
@@ -283,6 +308,160 @@ TEST_CASE("values that cannot be drawn are refused though every checksum is righ
   CHECK(broken(2, -1.0f).count(501) == 1);
   CHECK(broken(3, -1.0f).count(502) == 1);
   CHECK(broken(6, 0.0f).count(503) == 1);
+}
+
+namespace {
+
+// One primitive of degree 0: nine streams, all stored.
+Bytes one_primitive() {
+  auto scene = random_scene(1, 0, 30, 21);
+  scene.gaussians.opacity_logit[0] = 3.0f;
+  auto encoded = encode_scene(scene, {});
+  REQUIRE(encoded.ok());
+  return std::move(*encoded);
+}
+
+constexpr std::size_t kRow = 37, kRows = 16;
+
+// Replaces the bytes of stream `attribute` of a file of one segment, and all sizes around them.
+void replace_stream(Bytes& bytes, std::size_t attribute, std::uint8_t coder, const Bytes& stored) {
+  const std::size_t at = body_at(bytes), rows = at + kRecord + kRows, index = index_at(bytes);
+  std::size_t stream = rows + get<std::uint32_t>(bytes, at + kRecord + 12) * kRow;
+  for (std::size_t i = 0; i < attribute; ++i)
+    stream += get<std::uint64_t>(bytes, rows + kRow * i + 9);
+  const std::size_t row = rows + kRow * attribute;
+  const auto size = get<std::uint64_t>(bytes, row + 9);
+  const auto begin = bytes.begin() + static_cast<std::ptrdiff_t>(stream);
+  bytes.insert(bytes.erase(begin, begin + static_cast<std::ptrdiff_t>(size)), stored.begin(),
+               stored.end());
+  put<std::uint8_t>(bytes, row + 5, coder);
+  put<std::uint64_t>(bytes, row + 9, stored.size());
+  put<std::uint64_t>(bytes, at + 8, bytes.size() - at - kRecord);
+  seal_record(bytes, at);
+  put<std::uint64_t>(bytes, index + kRecord + 24 + 16, bytes.size() - at);
+  put<std::uint64_t>(bytes, index + kRecord + 24 + 28 + 10 * attribute + 2, stored.size());
+  seal_record(bytes, index);
+  put<std::uint64_t>(bytes, 16, bytes.size());
+  seal_header(bytes);
+}
+
+// A zstd frame of one raw block that states `size` bytes of content.
+Bytes zstd_frame(std::uint32_t size, const Bytes& content) {
+  Bytes out(12 + content.size());
+  put<std::uint32_t>(out, 0, 0xFD2FB528);
+  put<std::uint8_t>(out, 4, 0xA0);  // one segment, size in four bytes
+  put<std::uint32_t>(out, 5, size);
+  const auto block = static_cast<std::uint32_t>(content.size() << 3 | 1);  // raw, the last
+  for (std::size_t i = 0; i < 3; ++i) out[9 + i] = static_cast<std::uint8_t>(block >> (8 * i));
+  std::copy(content.begin(), content.end(), out.begin() + 12);
+  return out;
+}
+
+long peak_kib() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return usage.ru_maxrss;
+}
+
+}  // namespace
+
+TEST_CASE("a zstd stream is one frame") {
+  const Bytes whole = one_primitive();
+  const Bytes content(whole.end() - 12, whole.end());  // sh0, the last stream
+  Bytes bytes = whole;
+  replace_stream(bytes, 8, 1, zstd_frame(12, content));
+  CHECK(issues_of(bytes).empty());
+  Bytes frames = zstd_frame(12, content);
+  const Bytes empty = zstd_frame(0, {});
+  frames.insert(frames.end(), empty.begin(), empty.end());
+  bytes = whole;
+  replace_stream(bytes, 8, 1, frames);
+  CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
+  CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
+}
+
+TEST_CASE("an integer of a truncated float is below 2^24") {
+  // The same bits as before, but as an integer of 30 bits.
+  const Bytes whole = one_primitive();
+  CHECK(first_issue(whole, body_at(whole), kRows + 2 * kRow + 3, std::uint8_t{2}) == 407);
+}
+
+TEST_CASE("the bits that pad a plane are 0") {
+  Bytes whole = one_primitive();
+  const std::size_t at = body_at(whole), row = at + kRecord + kRows + 7 * kRow;  // opacity
+  put<std::uint8_t>(whole, row + 6, 2);
+  put<std::uint8_t>(whole, row + 7, 4);
+  for (std::uint8_t first : {std::uint8_t{0x01}, std::uint8_t{0x05}, std::uint8_t{0x81}}) {
+    const Bytes planes{first, 0, 0, 0};
+    Bytes bytes = whole;
+    put<std::uint64_t>(bytes, row + 17, XXH3_64bits(planes.data(), planes.size()));
+    replace_stream(bytes, 7, 0, planes);
+    CHECK(numbers_of(issues_of(bytes)) == (first == 1 ? std::set<int>{} : std::set<int>{408}));
+    CHECK(read_all(bytes).ok() == (first == 1));
+  }
+}
+
+TEST_CASE("a segment's memory is not allocated before its streams can fill it") {
+  constexpr std::uint32_t kClaim = 3'000'000;  // 240 MB of floats
+  const Bytes whole = one_primitive();
+  for (bool lying_frames : {false, true}) {
+    Bytes bytes = whole;
+    for (std::size_t i = 0; lying_frames && i < 9; ++i) {
+      const auto components =
+          get<std::uint8_t>(bytes, body_at(bytes) + kRecord + kRows + kRow * i + 2);
+      const auto digits = get<std::uint8_t>(bytes, body_at(bytes) + kRecord + kRows + kRow * i + 7);
+      replace_stream(bytes, i, 1, zstd_frame(kClaim * components * digits, {1, 2, 3}));
+    }
+    const std::size_t index = index_at(bytes), at = body_at(bytes);
+    put<std::uint64_t>(bytes, index + kRecord + 8, kClaim);
+    put<std::uint32_t>(bytes, index + kRecord + 24 + 24, kClaim);
+    seal_record(bytes, index);
+    put<std::uint32_t>(bytes, at + kRecord + 8, kClaim);
+    seal_record(bytes, at);
+    const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
+    REQUIRE(reader.ok());
+    const long before = peak_kib();
+    const Status status = (*reader)->decode(0).status();
+    CHECK(status.message().find("issue 405") != std::string::npos);
+    CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
+    CHECK(peak_kib() - before < 64 * 1024);
+  }
+}
+
+TEST_CASE("the flags of META, INDX and SEGM are looked at") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const auto with_flags = [&](std::size_t at, std::uint32_t flags) {
+    Bytes bytes = whole;
+    put<std::uint32_t>(bytes, at + 4, flags);
+    seal_record(bytes, at);
+    return std::make_pair(read_all(bytes).code(), numbers_of(issues_of(bytes)));
+  };
+  const auto not_critical = std::make_pair(StatusCode::kInvalidFile, std::set<int>{116});
+  const auto unknown = std::make_pair(StatusCode::kUnsupported, std::set<int>{113});
+  for (std::size_t at : {metadata_at(whole), index_at(whole), body_at(whole)}) {
+    CHECK(with_flags(at, 0) == not_critical);
+    CHECK(with_flags(at, 3) == unknown);
+    CHECK(with_flags(at, 0x80000001) == unknown);
+  }
+  CHECK(with_flags(body_at(whole), 2) == not_critical);  // listed, so it cannot be skipped
+  CHECK(with_flags(metadata_at(whole), 2).second == std::set<int>{115});
+}
+
+TEST_CASE("the flags of a segment that the index does not list are looked at") {
+  const Bytes whole = small_file(Profile::kLossless);
+  for (std::uint32_t flags : {0u, 1u, 2u, 3u}) {
+    Bytes extra(kRecord + 16, 0);
+    std::memcpy(extra.data(), "SEGM", 4);
+    put<std::uint32_t>(extra, 4, flags);
+    put<std::uint64_t>(extra, 8, 16);
+    seal_record(extra, 0);
+    Bytes bytes = whole;
+    bytes.insert(bytes.end(), extra.begin(), extra.end());
+    put<std::uint64_t>(bytes, 16, bytes.size());
+    seal_header(bytes);
+    const std::set<int> expected[] = {{116}, {310}, {}, {113}};
+    CHECK(numbers_of(issues_of(bytes)) == expected[flags]);
+  }
 }
 
 TEST_CASE("unknown records are skipped unless they are critical") {
