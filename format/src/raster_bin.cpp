@@ -23,8 +23,10 @@ std::size_t chunk_size(std::size_t splats) {
   return std::max<std::size_t>(1024, (splats + 31) / 32);
 }
 
-// Entries of all tile lists, at most: 1 GiB of them. A set that needs more is broken or hostile.
-constexpr std::size_t kMaxInstances = std::size_t{1} << 28;
+// Entries of all tile lists, at most; a view that needs more is broken or hostile. An entry takes 4
+// bytes in its chunk's list, which has up to three times its size while it grows, and 4 in the
+// frame's, which are kept for the next call: together at most 1 GiB, and 12 bytes an entry after.
+constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
 // A chunk tells the others how much it has listed each time it has this much more.
 constexpr std::size_t kTell = std::size_t{1} << 18;
 
@@ -108,30 +110,33 @@ void bin(SplatFrame& frame) {
   if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
   scratch.counts.assign(chunks * tiles, 0);
 
-  // Each chunk lists its pairs (splat, tile) and counts them by tile.
+  // Each chunk lists for each splat the number of its tiles, then the tiles, and counts by tile.
   std::atomic<std::size_t> listed{0};
   tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
-    auto& pairs = scratch.bin_chunks[c];
+    auto& list = scratch.bin_chunks[c];
     std::uint32_t* counts = scratch.counts.data() + c * tiles;
-    pairs.clear();
+    list.clear();
     const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);
     std::size_t told = 0;
     for (std::size_t k = c * chunk; k < end; ++k) {
-      if (pairs.size() - told > kTell) {
-        if (listed.fetch_add(pairs.size() - told) / 2 > kMaxInstances) return;
-        told = pairs.size();
+      if (list.size() - told > kTell) {
+        if (listed.fetch_add(list.size() - told) > kMaxInstances) return;
+        told = list.size();
       }
-      const std::uint32_t i = scratch.order[k];
-      for_each_tile(frame, frame.splats[i], [&](int tile) {
-        pairs.push_back(i);
-        pairs.push_back(static_cast<std::uint32_t>(tile));
+      const std::size_t head = list.size();
+      list.push_back(0);
+      for_each_tile(frame, frame.splats[scratch.order[k]], [&](int tile) {
+        list.push_back(static_cast<std::uint32_t>(tile));
         ++counts[tile];
       });
+      list[head] = static_cast<std::uint32_t>(list.size() - head - 1);
     }
-    listed.fetch_add(pairs.size() - told);
+    listed.fetch_add(list.size() - told);
   });
-  if (listed / 2 > kMaxInstances)
-    throw std::length_error("the view's splats touch more tiles than a frame can list (2^28)");
+  if (listed > kMaxInstances) {
+    scratch.bin_chunks.clear();
+    throw std::length_error("the view's splats touch more tiles than a frame can list (2^26)");
+  }
 
   // Counts become each chunk's first place in each tile's list.
   std::uint32_t total = 0;
@@ -145,12 +150,17 @@ void bin(SplatFrame& frame) {
     }
   }
   frame.tile_begin[tiles] = total;
+  // Not grown by doubling, and not beside the old ones.
+  if (frame.instances.capacity() < total) std::vector<std::uint32_t>().swap(frame.instances);
   frame.instances.resize(total);
   tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     std::uint32_t* next = scratch.counts.data() + c * tiles;
-    const auto& pairs = scratch.bin_chunks[c];
-    for (std::size_t k = 0; k < pairs.size(); k += 2)
-      frame.instances[next[pairs[k + 1]]++] = pairs[k];
+    const std::uint32_t* list = scratch.bin_chunks[c].data();
+    const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);
+    for (std::size_t k = c * chunk; k < end; ++k) {
+      for (std::uint32_t n = *list++; n > 0; --n)
+        frame.instances[next[*list++]++] = scratch.order[k];
+    }
   });
 }
 

@@ -30,8 +30,10 @@ struct View {
   int stride;        // floats a primitive in set.sh
 };
 
-Vec3 colour_of(const float* sh, int coefficients, Vec3 from_camera) {
-  const float n = 1.0f / std::sqrt(dot3(from_camera, from_camera));
+// False where the distance or a sum of the harmonics is not finite (representation 4.6).
+bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
+  const float square = dot3(from_camera, from_camera);
+  const float n = 1.0f / std::sqrt(square);
   const ShBasis basis = sh_basis({from_camera.x * n, from_camera.y * n, from_camera.z * n});
   Vec3 sum{0, 0, 0};
   for (int k = 0; k < coefficients; ++k) {
@@ -39,7 +41,9 @@ Vec3 colour_of(const float* sh, int coefficients, Vec3 from_camera) {
     sum.y += basis.v[k] * sh[3 * k + 1];
     sum.z += basis.v[k] * sh[3 * k + 2];
   }
-  return {sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z)};
+  colour = {sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z)};
+  return std::isfinite(square) && std::isfinite(sum.x) && std::isfinite(sum.y) &&
+         std::isfinite(sum.z);
 }
 
 // Also true where something is not a number.
@@ -97,10 +101,11 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
   out.opacity = opacity;
   out.depth = p.depth;
   out.reach = std::log(opacity / kAlphaThreshold);
-  out.colour = colour_of(
-      &set.sh[i * view.stride], view.coefficients,
-      {position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z});
-  return true;
+  return std::isfinite(p.depth) &&
+         colour_of(
+             &set.sh[i * view.stride], view.coefficients,
+             {position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z},
+             out.colour);
 }
 
 // Slices the `count` primitives index(0) < index(1) < ... and appends the visible ones in order.

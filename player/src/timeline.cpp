@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <map>
-#include <new>
 #include <utility>
 
 #include "stgs/format/math/blend.h"
@@ -64,8 +64,8 @@ void find_candidates(Held& held, float ticks) {
 
 class SegmentTimeline final : public Timeline {
  public:
-  SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget)
-      : reader_(std::move(reader)), budget_(budget) {
+  SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name)
+      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget) {
     std::uint32_t base = 0;
     for (const SegmentInfo& segment : reader_->segments()) {
       id_base_.push_back(base);
@@ -73,6 +73,7 @@ class SegmentTimeline final : public Timeline {
     }
   }
 
+  const std::string& name() const override { return name_; }
   const SceneMetadata& metadata() const override { return reader_->metadata(); }
   double duration_seconds() const override {
     return metadata().time_base.seconds(metadata().frames);
@@ -81,14 +82,16 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t stored_primitives() const override { return primitives_; }
 
   Result<Active> at(double seconds) override {
-    if (!std::isfinite(seconds)) return usage_error("a moment must be a number of seconds");
+    if (!std::isfinite(seconds)) {
+      return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
+    }
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
     auto needed = reader_->segments_between(active.ticks, active.ticks);
     std::sort(needed.begin(), needed.end());
     ++call_;
     try {
-      STGS_TRY(hold(needed));
+      STGS_TRY(hold(needed, seconds));
       const auto ticks = static_cast<float>(active.ticks);
       std::vector<Held*> parts;
       for (std::uint32_t segment : needed) parts.push_back(&held_.at(segment));
@@ -99,8 +102,8 @@ class SegmentTimeline final : public Timeline {
         active.parts.push_back(
             {needed[i], &parts[i]->set, &parts[i]->candidates, id_base_[needed[i]]});
       }
-    } catch (const std::bad_alloc&) {
-      return runtime_error("not enough memory to hold what is alive at {} s", seconds);
+    } catch (const std::exception& e) {
+      return runtime_error("{}: cannot hold what is alive at {} s: {}", name_, seconds, e.what());
     }
     return active;
   }
@@ -111,7 +114,7 @@ class SegmentTimeline final : public Timeline {
   }
 
   // Makes the segments (ascending) present, and drops others where the budget asks for it.
-  Status hold(const std::vector<std::uint32_t>& needed) {
+  Status hold(const std::vector<std::uint32_t>& needed, double seconds) {
     std::vector<std::uint32_t> missing;
     std::uint64_t together = 0, more = 0;
     for (std::uint32_t segment : needed) {
@@ -125,9 +128,10 @@ class SegmentTimeline final : public Timeline {
     }
     if (together > budget_) {
       return runtime_error(
-          "the segments alive at this moment take {:.1f} MiB decoded, more than the budget of "
+          "{}: the segments alive at {} s take {:.1f} MiB decoded, more than the budget of "
           "{:.1f} MiB; allow more memory",
-          static_cast<double>(together) / kMiB, static_cast<double>(budget_) / kMiB);
+          name_, seconds, static_cast<double>(together) / kMiB,
+          static_cast<double>(budget_) / kMiB);
     }
     make_room(more);
     return decode(missing);
@@ -166,6 +170,7 @@ class SegmentTimeline final : public Timeline {
     return {};
   }
 
+  std::string name_;
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
@@ -178,12 +183,13 @@ class SegmentTimeline final : public Timeline {
 Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& path,
                                                  std::uint64_t memory_budget) {
   STGS_ASSIGN(auto reader, SceneReader::open(path));
-  return over(std::move(reader), memory_budget);
+  return std::unique_ptr<Timeline>(
+      std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, path));
 }
 
 std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
                                          std::uint64_t memory_budget) {
-  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget);
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, "the scene");
 }
 
 }  // namespace stgs::player

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <filesystem>
 #include <set>
 
 #include "scene_fixture.h"
@@ -163,6 +165,28 @@ TEST_CASE("several views of a moment equal the views one by one") {
     REQUIRE(alone[0].colour.data == together[i].colour.data);
     REQUIRE(alone[0].depth.data == together[i].depth.data);
   }
+}
+
+TEST_CASE("a moment with too many splats is an error that names the moment and the file") {
+  Scene scene = testing::random_scene(300, 0, kFrames, 10);
+  Gaussians4D& set = scene.gaussians;
+  std::fill(set.log_scale.begin(), set.log_scale.end(), 6.0f);
+  std::fill(set.opacity_logit.begin(), set.opacity_logit.end(), 5.0f);
+  std::fill(set.radius.begin(), set.radius.end(), static_cast<float>(kFrames));
+  const std::string path =
+      (std::filesystem::temp_directory_path() / "stgs_player_crowd.stgs").string();
+  REQUIRE(write_scene(path, scene, {}).ok());
+  auto timeline = Timeline::open(path);
+  std::filesystem::remove(path);
+  REQUIRE(timeline.ok());
+  auto renderer = make_renderer("cpu");
+  std::vector<Frame> frames;
+  const Status status =
+      (*renderer)->render(**timeline, 1.5, {{camera_of(8192, 8192)}}, frames, nullptr);
+  REQUIRE(status.code() == StatusCode::kRuntime);
+  INFO(status.message());
+  REQUIRE(status.message().find(path + ": cannot draw 1.5 s: ") == 0);
+  REQUIRE(status.message().find("2^26") != std::string::npos);
 }
 
 TEST_CASE("the renderer refuses what it cannot draw") {

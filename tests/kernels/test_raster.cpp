@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <sys/resource.h>
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <cstring>
 #include <numeric>
 #include <set>
+#include <stdexcept>
 #include <string>
 
 #include "raster_scene.h"
@@ -131,6 +133,74 @@ TEST_CASE("values that are not numbers, huge or empty draw nothing and harm noth
   CHECK(output.colour.data[0] == 0.2f);
   CHECK(output.alpha.data[0] == 0.0f);
   CHECK(output.depth.data[0] == 0.0f);
+}
+
+TEST_CASE("a splat whose depth, distance or colour is not finite is not drawn") {
+  const auto camera = testing::scene_camera(64, 48);
+  Gaussians4D one;
+  one.resize(1);
+  one.position = {0.0f, 0.0f, 5.0f};
+  one.log_scale = {-1.0f, -1.0f, -1.0f};
+  one.rotation = {1.0f, 0.0f, 0.0f, 0.0f};
+  one.opacity_logit = {3.0f};
+  one.sigma = {10.0f};
+  math::PinholeCamera ahead = camera;
+  ahead.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  ahead.translation = {0, 0, 0};
+  const auto drawn = [&] {
+    SplatFrame frame;
+    begin_frame(ahead, frame);
+    slice(one, 0.0f, ahead, settings_of(true), 0, frame);
+    return frame.splats.size();
+  };
+  CHECK(drawn() == 1);
+  one.sh[1] = 3e38f;
+  one.sh[2] = -3e38f;
+  CHECK(drawn() == 1);  // huge, but a number
+  one.sh_degree = 1;
+  one.sh.assign(12, 0.0f);
+  one.sh[0] = one.sh[6] = 3e38f;
+  one.sh[3] = one.sh[9] = 3e38f;
+  one.position = {2.0f, -2.0f, 5.0f};
+  ahead.fx = ahead.fy = 10.0f;
+  CHECK(drawn() == 1);
+  for (float& v : one.sh) v = 0.0f;
+  one.sh[6] = std::nanf("");
+  CHECK(drawn() == 0);
+  one.sh[6] = INFINITY;
+  CHECK(drawn() == 0);
+  one.sh[6] = 0.0f;
+  CHECK(drawn() == 1);
+  one.position = {0.0f, 0.0f, 3e38f};  // its squared distance overflows
+  CHECK(drawn() == 0);
+  const float half = std::sqrt(0.5f);
+  ahead.rotation = {half, 0, -half, 0, 1, 0, half, 0, half};
+  one.position = {3e38f, 0.0f, 3e38f};  // its depth overflows
+  CHECK(drawn() == 0);
+}
+
+TEST_CASE("a frame that lists more than 2^26 tiles of splats is refused within 1 GiB") {
+  math::PinholeCamera camera = testing::scene_camera(8192, 8192);
+  SplatFrame frame;
+  begin_frame(camera, frame);
+  Splat everywhere{};
+  everywhere.mean = {4096, 4096};
+  everywhere.conic = {1e-9f, 0.0f, 1e-9f};
+  everywhere.extent = {1e5f, 1e5f};
+  everywhere.opacity = 1.0f;
+  everywhere.depth = 1.0f;
+  everywhere.reach = 5.0f;
+  frame.splats.assign(257, everywhere);  // 512 x 512 tiles each
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const long before = usage.ru_maxrss;
+  CHECK_THROWS_AS(bin(frame), std::length_error);
+  getrusage(RUSAGE_SELF, &usage);
+  CHECK(usage.ru_maxrss - before < 1 << 20);  // KiB
+  CHECK(frame.scratch.bin_chunks.empty());    // what was too much is not kept
+  frame.splats.resize(3);
+  bin(frame);
+  CHECK(frame.instances.size() == 3 * 512 * 512);
 }
 
 namespace {

@@ -2,7 +2,7 @@
 #include "cpu/cpu_renderer.h"
 
 #include <chrono>
-#include <new>
+#include <exception>
 #include <utility>
 
 namespace stgs::player {
@@ -50,9 +50,8 @@ class CpuRenderer final : public Renderer {
     try {
       frames.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames[i], sums);
-    } catch (const std::bad_alloc&) {
-      return runtime_error("not enough memory to draw {} view(s); use a smaller size",
-                           views.size());
+    } catch (const std::exception& e) {
+      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }
     if (stats != nullptr) *stats = sums;
     return {};

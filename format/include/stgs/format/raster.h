@@ -81,7 +81,7 @@ void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates,
            const math::PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame);
 // Fills the tile lists from frame.splats with the exact ellipse-tile test. Throws std::length_error
-// where they would hold more than 2^28 entries (a million splats that each cover the picture).
+// where they would hold more than 2^26 entries. Takes up to 16 bytes an entry, and keeps up to 12.
 void bin(SplatFrame& frame);
 // Blends every tile, nearest first.
 void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput& output);

@@ -25,6 +25,8 @@ class Timeline {
                                         std::uint64_t memory_budget = kDefaultMemoryBudget);
   virtual ~Timeline() = default;
 
+  // For messages: the path, or "the scene" where the reader was already open.
+  virtual const std::string& name() const = 0;
   virtual const SceneMetadata& metadata() const = 0;
   virtual double duration_seconds() const = 0;
 
