@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/prepared_capture.h"
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -67,21 +69,64 @@ PreparedCapture capture_from_json(const Json& json, const std::string& folder) {
   return capture;
 }
 
+// Training and the file format calculate in floats.
+bool finite(double value) {
+  return std::isfinite(static_cast<float>(value));
+}
+
+bool positive(double value) {
+  return finite(value) && static_cast<float>(value) > 0;
+}
+
+bool is_rotation(const double* r) {
+  constexpr double kTolerance = 1e-3;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = i; j < 3; ++j) {
+      const double dot =
+          r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
+      if (!(std::abs(dot - (i == j ? 1 : 0)) < kTolerance)) return false;
+    }
+  }
+  const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) -
+                             r[1] * (r[3] * r[8] - r[5] * r[6]) +
+                             r[2] * (r[3] * r[7] - r[4] * r[6]);
+  return determinant > 0;
+}
+
+Status check_camera(const Camera& camera, const std::string& path) {
+  const bool sane = camera.width > 0 && camera.height > 0 && camera.width <= 32768 &&
+                    camera.height <= 32768 && positive(camera.fx) && positive(camera.fy) &&
+                    finite(camera.cx) && finite(camera.cy);
+  if (!sane) {
+    return invalid_file("{}: camera '{}' has no sane size, focal length or centre", path,
+                        camera.name);
+  }
+  if (!is_rotation(camera.rotation) ||
+      !std::all_of(camera.translation, camera.translation + 3, finite)) {
+    return invalid_file("{}: the pose of camera '{}' is not a rotation and a translation", path,
+                        camera.name);
+  }
+  const bool outside = camera.name.empty() || camera.name.find("..") != std::string::npos ||
+                       camera.name.find('/') != std::string::npos;
+  if (outside) return invalid_file("{}: '{}' cannot be a camera's folder", path, camera.name);
+  return {};
+}
+
 Status check(const PreparedCapture& capture, const std::string& path) {
   if (capture.cameras.empty()) return invalid_file("{}: has no cameras", path);
   if (capture.frames < 1) return invalid_file("{}: has no frames", path);
   if (capture.time_base.numerator == 0 || capture.time_base.denominator == 0) {
     return invalid_file("{}: time_base has a zero in it", path);
   }
-  for (const Camera& camera : capture.cameras) {
-    const bool sane = camera.width > 0 && camera.height > 0 && camera.width <= 32768 &&
-                      camera.height <= 32768 && camera.fx > 0 && camera.fy > 0;
-    if (!sane)
-      return invalid_file("{}: camera '{}' has no sane size or focal length", path, camera.name);
-    const bool outside = camera.name.empty() || camera.name.find("..") != std::string::npos ||
-                         camera.name.find('/') != std::string::npos;
-    if (outside) return invalid_file("{}: '{}' cannot be a camera's folder", path, camera.name);
+  if (!positive(capture.near_plane) || !positive(capture.extent) ||
+      !positive(capture.scene_radius) ||
+      !std::all_of(capture.scene_centre, capture.scene_centre + 3, finite)) {
+    return invalid_file(
+        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive, scene_centre "
+        "finite",
+        path, capture.near_plane, capture.extent, capture.scene_radius);
   }
+  for (const Camera& camera : capture.cameras) STGS_TRY(check_camera(camera, path));
   return {};
 }
 
@@ -151,7 +196,12 @@ Status write_prepared_capture(const PreparedCapture& capture) {
       {"scene_radius", capture.scene_radius},
       {"cameras", Json::array()}};
   for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
-  const std::string text = json.dump(1) + "\n";
+  std::string text;
+  try {
+    text = json.dump(1) + "\n";
+  } catch (const Json::exception& error) {
+    return invalid_file("{}: a name is not UTF-8: {}", path, error.what());
+  }
   return write_file_atomically(path,
                                {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
 }

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "capture_files.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <memory>
 
+#include "frame_numbers.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs::encoder {
@@ -95,6 +99,7 @@ bool find_frames(const std::string& folder, const std::string& name, SourceCamer
   }
   camera.pictures = list_pictures(folder + "/" + name);
   if (camera.pictures.empty()) camera.pictures = list_pictures(folder + "/" + name + "/images");
+  camera.numbered = true;
   return !camera.pictures.empty();
 }
 
@@ -117,26 +122,46 @@ std::vector<SourceCamera> find_cameras(const std::string& folder) {
   return cameras;
 }
 
-Status find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
+Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
   const std::vector<std::string> found = list_pictures(folder + "/" + name);
-  if (found.empty()) return {};
+  if (found.empty()) return false;
+  camera.masks.clear();
   if (camera.pictures.empty()) {
     camera.masks = found;
-    return {};
+    STGS_TRY(check_mask_numbers(camera));
+    return true;
   }
-  std::size_t next = 0;
+  std::map<std::string, std::string> by_stem;
+  for (const std::string& path : found) by_stem.emplace(stem_of(path), path);
   for (std::size_t frame = 0; frame < camera.pictures.size(); ++frame) {
     const std::string stem = stem_of(camera.pictures[frame]);
-    while (next < found.size() && stem_of(found[next]) != stem) ++next;
-    if (next == found.size()) {
+    const auto it = by_stem.find(stem);
+    if (it == by_stem.end()) {
       return io_error(
           "{}/{}: has no mask for camera '{}' frame {} (looked for {}.png); add it, or "
           "take the folder away to have masks computed",
           folder, name, camera.name, frame, stem);
     }
-    camera.masks.push_back(found[next]);
+    camera.masks.push_back(it->second);
   }
-  return {};
+  return true;
+}
+
+Status replace_folder(const std::string& made, const std::string& folder) {
+  const std::string old = fmt::format("{}.replaced-{}", folder, ::getpid());
+  std::error_code error, ignored;
+  const bool replaces = fs::exists(folder, ignored);
+  if (replaces) fs::rename(folder, old, error);
+  if (error) return io_error("{}: cannot be replaced: {}", folder, error.message());
+  fs::rename(made, folder, error);
+  if (!error) {
+    fs::remove_all(old, ignored);
+    return {};
+  }
+  std::error_code lost;
+  if (replaces) fs::rename(old, folder, lost);
+  return io_error("{}: cannot put the result there: {}{}", folder, error.message(),
+                  lost ? fmt::format("; what was there is now {}", old) : "");
 }
 
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {

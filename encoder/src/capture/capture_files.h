@@ -32,9 +32,13 @@ bool find_frames(const std::string& folder, const std::string& name, SourceCamer
 // videos/, images/ or the folder itself, whichever has any first. Only name and frames are set.
 std::vector<SourceCamera> find_cameras(const std::string& folder);
 
-// Gives `camera` its masks, where folder/NAME/ exists: one picture a frame of the camera, matched
-// by name, or by order where the camera has a video. Error: a frame without a mask.
-Status find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);
+// Gives `camera` its masks, where folder/NAME/ holds pictures: one a frame of the camera, matched
+// by name, or, where the camera has a video, in order and numbered from 0 or 1. Returns whether it
+// did. Error: a frame without a mask.
+Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);
+
+// Puts the folder `made` in the place of `folder`, whose contents are lost only once it is there.
+Status replace_folder(const std::string& made, const std::string& folder);
 
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path);
 Result<nlohmann::json> read_json(const std::string& path);

@@ -14,12 +14,17 @@ namespace {
 
 constexpr double kPixelCentre = 0;  // calibrated with OpenCV
 
-Result<cv::FileStorage> open_yaml(const std::string& path) {
+struct Yaml {
+  std::string path;
+  cv::FileStorage file;
+};
+
+Result<Yaml> open_yaml(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   try {
     cv::FileStorage file(std::string(bytes.begin(), bytes.end()),
                          cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    if (file.isOpened()) return file;
+    if (file.isOpened()) return Yaml{path, file};
   } catch (const cv::Exception& error) {
     return invalid_file("{}: is not YAML that OpenCV reads: {}", path, error.err);
   }
@@ -27,29 +32,32 @@ Result<cv::FileStorage> open_yaml(const std::string& path) {
 }
 
 // The numbers of the first of `keys` that the file has; none if it has none of them.
-std::vector<double> numbers(const cv::FileStorage& file, const std::vector<std::string>& keys) {
+Result<std::vector<double>> numbers(const Yaml& yaml, const std::vector<std::string>& keys) {
   for (const std::string& key : keys) {
-    const cv::FileNode node = file[key];
+    const cv::FileNode node = yaml.file[key];
     if (node.empty()) continue;
-    if (node.isReal() || node.isInt()) return {node.real()};
-    cv::Mat matrix;
-    node >> matrix;
-    matrix.convertTo(matrix, CV_64F);
-    return std::vector<double>(matrix.begin<double>(), matrix.end<double>());
+    if (node.isReal() || node.isInt()) return std::vector<double>{node.real()};
+    try {
+      cv::Mat matrix;
+      node >> matrix;
+      matrix.convertTo(matrix, CV_64F);
+      return std::vector<double>(matrix.begin<double>(), matrix.end<double>());
+    } catch (const cv::Exception& error) {
+      return invalid_file("{}: {} is not a matrix of numbers: {}", yaml.path, key, error.err);
+    }
   }
-  return {};
+  return std::vector<double>();
 }
 
-Status set_extrinsics(const cv::FileStorage& extri, const std::string& where,
-                      SourceCamera& camera) {
-  std::vector<double> rotation = numbers(extri, {"Rot_" + camera.name});
-  if (rotation.empty()) rotation = numbers(extri, {"R_" + camera.name});
+Status set_extrinsics(const Yaml& extri, const std::string& where, SourceCamera& camera) {
+  STGS_ASSIGN(std::vector<double> rotation,
+              numbers(extri, {"Rot_" + camera.name, "R_" + camera.name}));
   if (rotation.size() == 3) {
     cv::Matx33d matrix;
     cv::Rodrigues(cv::Vec3d(rotation.data()), matrix);
     rotation.assign(matrix.val, matrix.val + 9);
   }
-  const std::vector<double> t = numbers(extri, {"T_" + camera.name});
+  STGS_ASSIGN(const std::vector<double> t, numbers(extri, {"T_" + camera.name}));
   if (rotation.size() != 9 || t.size() != 3) {
     return invalid_file("{}: needs Rot_{} (3x3) or R_{} (3), and T_{} (3)", where, camera.name,
                         camera.name, camera.name);
@@ -60,14 +68,16 @@ Status set_extrinsics(const cv::FileStorage& extri, const std::string& where,
 }
 
 Result<SourceCamera> read_camera(const std::string& folder, const std::string& name,
-                                 const cv::FileStorage& intri, const cv::FileStorage& extri) {
+                                 const Yaml& intri, const Yaml& extri) {
   SourceCamera camera;
   camera.name = name;
   const std::string where = folder + "/intri.yml: camera '" + name + "'";
-  STGS_TRY(set_intrinsics(numbers(intri, {"K_" + name}), kPixelCentre, where, camera));
-  STGS_TRY(set_distortion(numbers(intri, {"D_" + name, "dist_" + name}), false, where, camera));
-  const std::vector<double> height = numbers(intri, {"H_" + name});
-  const std::vector<double> width = numbers(intri, {"W_" + name});
+  STGS_ASSIGN(const std::vector<double> k, numbers(intri, {"K_" + name}));
+  STGS_TRY(set_intrinsics(k, kPixelCentre, where, camera));
+  STGS_ASSIGN(std::vector<double> lens, numbers(intri, {"D_" + name, "dist_" + name}));
+  STGS_TRY(set_distortion(std::move(lens), false, where, camera));
+  STGS_ASSIGN(const std::vector<double> height, numbers(intri, {"H_" + name}));
+  STGS_ASSIGN(const std::vector<double> width, numbers(intri, {"W_" + name}));
   if (height.size() == 1 && width.size() == 1 && height[0] > 0 && width[0] > 0) {
     camera.height = static_cast<int>(height[0]);
     camera.width = static_cast<int>(width[0]);
@@ -79,24 +89,32 @@ Result<SourceCamera> read_camera(const std::string& folder, const std::string& n
                     folder, name, name, name);
   }
   if (!std::filesystem::is_directory(folder + "/masks/" + name)) {
-    STGS_TRY(find_masks(folder + "/mask", name, camera));
+    STGS_TRY(find_masks(folder + "/mask", name, camera).status());
   }
   return camera;
 }
 
-}  // namespace
-
-Result<SourceCapture> load_easyvolcap(const std::string& folder) {
-  STGS_ASSIGN(const cv::FileStorage intri, open_yaml(folder + "/intri.yml"));
-  STGS_ASSIGN(const cv::FileStorage extri, open_yaml(folder + "/extri.yml"));
+Result<SourceCapture> read_capture(const std::string& folder) {
+  STGS_ASSIGN(const Yaml intri, open_yaml(folder + "/intri.yml"));
+  STGS_ASSIGN(const Yaml extri, open_yaml(folder + "/extri.yml"));
   SourceCapture capture;
-  for (const cv::FileNode& node : intri["names"]) {
+  for (const cv::FileNode& node : intri.file["names"]) {
     const std::string name = node.isString() ? node.string() : std::to_string(int(node.real()));
     STGS_ASSIGN(SourceCamera camera, read_camera(folder, name, intri, extri));
     capture.cameras.push_back(std::move(camera));
   }
   if (capture.cameras.empty()) return invalid_file("{}/intri.yml: 'names' lists no camera", folder);
   return capture;
+}
+
+}  // namespace
+
+Result<SourceCapture> load_easyvolcap(const std::string& folder) {
+  try {
+    return read_capture(folder);
+  } catch (const cv::Exception& error) {
+    return invalid_file("{}/intri.yml: 'names' is not a list of names: {}", folder, error.err);
+  }
 }
 
 }  // namespace stgs::encoder

@@ -34,6 +34,13 @@ Status check_size(const std::string& path, const SourceCamera& camera, int frame
       path, camera.name, frame, image.cols, image.rows, width, height);
 }
 
+// Decodes the camera's picture of a frame, of any size.
+Result<cv::Mat> decode_picture(const SourceCamera& camera, int frame) {
+  const std::string& path = camera.pictures[static_cast<std::size_t>(frame)];
+  const std::string what = fmt::format("camera '{}' frame {}", camera.name, frame);
+  return decode_file(path, what, kPictureFlags);
+}
+
 class OpenCvVideoReader final : public VideoReader {
  public:
   OpenCvVideoReader(cv::VideoCapture video, const SourceCamera& camera, int next)
@@ -60,15 +67,22 @@ class OpenCvVideoReader final : public VideoReader {
 
 }  // namespace
 
+Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) return io_error("{}: {} is missing", path, what);
+  try {
+    cv::Mat image = cv::imread(path, flags);
+    if (!image.empty()) return image;
+  } catch (const cv::Exception& error) {  // such as a size beyond OpenCV's limit
+    return invalid_file("{}: {} cannot be decoded: {}", path, what, error.err);
+  }
+  return invalid_file("{}: {} cannot be decoded", path, what);
+}
+
 Result<FrameInfo> probe_frames(const SourceCamera& camera) {
   FrameInfo info;
   if (camera.video.empty()) {
-    const std::string& path = camera.pictures.front();
-    const cv::Mat image = cv::imread(path, kPictureFlags);
-    if (image.empty()) {
-      return io_error("{}: camera '{}' frame 0 {}", path, camera.name,
-                      std::filesystem::exists(path) ? "cannot be decoded" : "is missing");
-    }
+    STGS_ASSIGN(const cv::Mat image, decode_picture(camera, 0));
     info.width = image.cols;
     info.height = image.rows;
     info.frames = static_cast<int>(camera.pictures.size());
@@ -91,13 +105,9 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
 }
 
 Result<cv::Mat> read_picture(const SourceCamera& camera, int frame, int width, int height) {
-  const std::string& path = camera.pictures[static_cast<std::size_t>(frame)];
-  cv::Mat image = cv::imread(path, kPictureFlags);
-  if (image.empty()) {
-    return io_error("{}: camera '{}' frame {} {}", path, camera.name, frame,
-                    std::filesystem::exists(path) ? "cannot be decoded" : "is missing");
-  }
-  STGS_TRY(check_size(path, camera, frame, image, width, height));
+  STGS_ASSIGN(cv::Mat image, decode_picture(camera, frame));
+  STGS_TRY(check_size(camera.pictures[static_cast<std::size_t>(frame)], camera, frame, image, width,
+                      height));
   return image;
 }
 

@@ -16,6 +16,10 @@ struct FrameInfo {
   double fps = 0;  // 0: pictures, which have no rate
 };
 
+// Decodes a picture with cv::imread's flags. Errors: `what` is missing (kIo) or cannot be decoded
+// (kInvalidFile), with the path.
+Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags);
+
 // Looks at the first frame. Errors name file and camera.
 Result<FrameInfo> probe_frames(const SourceCamera& camera);
 

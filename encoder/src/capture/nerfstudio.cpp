@@ -8,7 +8,8 @@
 //   - a camera's pictures are ordered by "time" where each has it, else by name; cameras with times
 //     must have the same ones.
 // "fps" is taken where stated; cameras named by "test_filenames" are held out. "mask_path" marks
-// valid pixels there, not motion, and is not used.
+// valid pixels there, not motion, and is not used; nor is masks/ where it points there. Pictures
+// without times, in a folder of their own, must be named by the frame's number.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -34,6 +35,7 @@ struct Group {
   SourceCamera camera;
   std::string label;
   std::vector<Picture> pictures;
+  bool own_folder = false;  // that holds no other camera's pictures
 };
 
 // A number of the entry, else of the whole file.
@@ -118,7 +120,7 @@ Status add_entry(const Json& entry, const Json& top, const std::string& folder,
   const std::string path = (fs::path(folder) / file).lexically_normal().string();
   if (is_video(path)) {
     camera.video = path;
-    groups.push_back({camera, stem_of(path), {}});
+    groups.push_back({camera, stem_of(path), {}, false});
     return {};
   }
   const std::string label = label_of(entry);
@@ -127,7 +129,7 @@ Status add_entry(const Json& entry, const Json& top, const std::string& folder,
            (!label.empty() || same_camera(g.camera, camera));
   });
   if (group == groups.end()) {
-    groups.push_back({camera, label, {}});
+    groups.push_back({camera, label, {}, false});
     group = std::prev(groups.end());
   }
   if (!same_camera(group->camera, camera)) {
@@ -157,10 +159,11 @@ void name_groups(std::vector<Group>& groups) {
   for (std::size_t i = 0; i < groups.size(); ++i) {
     Group& group = groups[i];
     group.camera.name = group.label;
-    if (!group.label.empty()) continue;
+    if (group.pictures.empty()) continue;
     const std::string folder = folder_of(group);
-    group.camera.name =
-        !folder.empty() && folders[folder] == 1 ? folder : fmt::format("cam{:02}", i);
+    group.own_folder = !folder.empty() && folders[folder] == 1;
+    if (!group.label.empty()) continue;
+    group.camera.name = group.own_folder ? folder : fmt::format("cam{:02}", i);
   }
 }
 
@@ -175,6 +178,7 @@ Status order_pictures(const std::string& folder, std::vector<Group>& groups) {
                 return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
               });
     for (const Picture& picture : group.pictures) group.camera.pictures.push_back(picture.path);
+    group.camera.numbered = !timed && group.own_folder;
     if (!timed || group.pictures.empty()) continue;
     if (first == nullptr) first = &group;
     const std::size_t common = std::min(first->pictures.size(), group.pictures.size());
@@ -197,15 +201,18 @@ Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& 
   STGS_ASSIGN(const Json top, read_json(path));
   try {
     std::vector<Group> groups;
+    SourceCapture capture;
     bool masks = false;
     for (const Json& entry : top.at("frames")) {
       STGS_TRY(add_entry(entry, top, folder, groups));
-      masks |= entry.contains("mask_path");
+      if (!entry.contains("mask_path")) continue;
+      masks = true;
+      const fs::path mask = fs::path(entry.at("mask_path").get<std::string>()).lexically_normal();
+      capture.masks_are_not_motion |= !mask.empty() && *mask.begin() == "masks";
     }
     if (masks) log(1, path + ": mask_path marks valid pixels, not motion, and is not used");
     name_groups(groups);
     STGS_TRY(order_pictures(folder, groups));
-    SourceCapture capture;
     capture.fps = top.value("fps", 0.0);
     for (Group& group : groups) capture.cameras.push_back(std::move(group.camera));
     capture.split_known = top.contains("test_filenames");

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <optional>
 
+#include "frame_numbers.h"
+#include "init/motion.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -123,6 +125,18 @@ Status split(const SourceCapture& source, const PrepareSettings& settings,
   return {};
 }
 
+// A training camera with flow has it from every frame to the next; known before the work begins.
+Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
+  if (source.flow_folder.empty()) return {};
+  for (const Camera& camera : capture.cameras) {
+    for (int frame = 0; !camera.test && frame + 1 < capture.frames; ++frame) {
+      STGS_ASSIGN([[maybe_unused]] const std::string path,
+                  init::find_flow(source.flow_folder, camera.name, capture.first_frame + frame));
+    }
+  }
+  return {};
+}
+
 // "jpg" or "png" if all frames can keep their bytes, else "png".
 std::string extension_of(const SourceCapture& source, const std::vector<CameraPlan>& plans) {
   std::string common;
@@ -144,6 +158,7 @@ std::string extension_of(const SourceCapture& source, const std::vector<CameraPl
 Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
                                             const PrepareSettings& settings,
                                             PreparedCapture& capture, const LogSink& log) {
+  STGS_TRY(check_frame_numbers(source, settings.end_frame, log));
   STGS_ASSIGN(const std::vector<FrameInfo> infos, probe_all(source));
   STGS_TRY(choose_range(source, infos, settings, capture));
   STGS_TRY(choose_rate(source, infos, settings, capture, log));
@@ -164,6 +179,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
     plans.push_back(std::move(plan));
   }
   STGS_TRY(split(source, settings, capture));
+  STGS_TRY(check_flow(source, capture));
   capture.frame_extension = extension_of(source, plans);
   return plans;
 }

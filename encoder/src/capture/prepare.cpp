@@ -5,6 +5,7 @@
 
 #include <filesystem>
 
+#include "capture_files.h"
 #include "init/init.h"
 #include "source_capture.h"
 #include "write_frames.h"
@@ -54,15 +55,6 @@ Status check_target(const std::string& capture, const std::string& folder, bool 
   return {};
 }
 
-Status replace(const std::string& partial, const std::string& folder) {
-  const Temporary old{fmt::format("{}.replaced-{}", folder, ::getpid())};
-  std::error_code error;
-  if (fs::exists(folder)) fs::rename(folder, old.folder, error);
-  if (!error) fs::rename(partial, folder, error);
-  if (error) return io_error("{}: cannot put the result there: {}", folder, error.message());
-  return {};
-}
-
 Status prepare_into(const std::string& capture, const std::string& folder,
                     const PrepareSettings& settings, const ProgressSink& progress,
                     const LogSink& log) {
@@ -98,7 +90,7 @@ Status prepare(const std::string& capture, const std::string& folder,
     const Temporary partial{fmt::format("{}.partial-{}", target, ::getpid())};
     fs::create_directories(partial.folder);
     STGS_TRY(prepare_into(capture, partial.folder, settings, progress, log_or_none));
-    return replace(partial.folder, target);
+    return replace_folder(partial.folder, target);
   } catch (const fs::filesystem_error& error) {
     return io_error("{}", error.what());
   } catch (const std::exception& error) {

@@ -106,6 +106,15 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
   return {};
 }
 
+// The prepared capture names its cameras in JSON.
+bool is_utf8(const std::string& text) {
+  try {
+    return !nlohmann::json(text).dump().empty();
+  } catch (const nlohmann::json::exception&) {
+    return false;
+  }
+}
+
 Status check(SourceCapture& capture) {
   if (capture.cameras.empty()) return invalid_file("{}: has no cameras", capture.folder);
   std::set<std::string> names;
@@ -114,6 +123,10 @@ Status check(SourceCapture& capture) {
                              camera.name.find('/') == std::string::npos;
     if (!folder_name) {
       return invalid_file("{}: '{}' cannot be a camera's folder", capture.folder, camera.name);
+    }
+    if (!is_utf8(camera.name)) {
+      return invalid_file("{}: the camera's name '{}' is not UTF-8; rename its folder or video",
+                          capture.folder, camera.name);
     }
     if (!names.insert(camera.name).second) {
       return invalid_file("{}: has two cameras '{}'", capture.folder, camera.name);
@@ -124,6 +137,59 @@ Status check(SourceCapture& capture) {
     STGS_TRY(make_rigid(camera, capture.folder));
   }
   return {};
+}
+
+bool has_camera(const SourceCapture& capture, const std::string& name) {
+  return std::any_of(capture.cameras.begin(), capture.cameras.end(),
+                     [&](const SourceCamera& camera) { return camera.name == name; });
+}
+
+// A folder of masks or flow that belongs to no camera is a mistake in a name: an error where
+// none belongs to one, else a warning.
+Status check_names(const SourceCapture& capture, const std::string& folder, bool used,
+                   const LogSink& log) {
+  if (!used) {
+    return invalid_file(
+        "{}: holds nothing for any camera (looked for {}/{}/); name its folders as the cameras, "
+        "or take it away",
+        folder, folder, capture.cameras.front().name);
+  }
+  for (const std::string& path : list_folders(folder)) {
+    const std::string name = fs::path(path).filename().string();
+    if (!has_camera(capture, name)) {
+      log(1, fmt::format("{}: there is no camera '{}'; not used", path, name));
+    }
+  }
+  return {};
+}
+
+// masks/CAMERA/ beside the frames, whatever the layout; they go before the layout's own.
+Status take_masks(SourceCapture& capture, const LogSink& log) {
+  const std::string folder = capture.folder + "/masks";
+  if (!fs::is_directory(folder) || capture.masks_are_not_motion) return {};
+  bool used = false;
+  for (SourceCamera& camera : capture.cameras) {
+    STGS_ASSIGN(const bool found, find_masks(folder, camera.name, camera));
+    used |= found;
+  }
+  return check_names(capture, folder, used, log);
+}
+
+Status take_flow(SourceCapture& capture, const LogSink& log) {
+  const std::string folder = capture.folder + "/flow";
+  if (!fs::is_directory(folder)) return {};
+  capture.flow_folder = folder;
+  bool used = false;
+  for (const SourceCamera& camera : capture.cameras) {
+    if (!fs::is_directory(folder + "/" + camera.name)) continue;
+    used = true;
+    if (camera.lens == LensModel::kPinhole) continue;
+    return unsupported(
+        "{}/{}: flow is of undistorted frames, but the lens of camera '{}' distorts; undistort "
+        "the capture first, or take the folder away to have flow computed",
+        folder, camera.name, camera.name);
+  }
+  return check_names(capture, folder, used, log);
 }
 
 // Where the layout names no held-out cameras: the middle one by name, if enough others remain.
@@ -173,11 +239,9 @@ Result<SourceCapture> load_source(const std::string& folder, const PrepareSettin
   if (!capture.ok()) return capture;
   capture->layout = layout;
   capture->folder = folder;
-  if (fs::is_directory(folder + "/flow")) capture->flow_folder = folder + "/flow";
-  for (SourceCamera& camera : capture->cameras) {
-    if (camera.masks.empty()) STGS_TRY(find_masks(folder + "/masks", camera.name, camera));
-  }
   STGS_TRY(check(*capture));
+  STGS_TRY(take_masks(*capture, log));
+  STGS_TRY(take_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (own_split) choose_test_camera(*capture, log);
   return capture;

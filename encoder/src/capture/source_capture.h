@@ -33,6 +33,7 @@ struct SourceCamera {
   bool test = false;                  // by the layout's own split
   std::string video;                  // a file; or
   std::vector<std::string> pictures;  // files in order of time
+  bool numbered = false;              // pictures: a folder's files, named by the frame's number
   std::vector<std::string> masks;     // none, or one file a frame; 255 (or 1) = moving
 };
 
@@ -43,15 +44,18 @@ struct SourceCapture {
   bool split_known = false;  // the layout says which cameras are held out, even if none
   double fps = 0;            // that the layout states; 0: it does not (videos state their own)
   bool metric = false;       // scene units are metres
-  std::string flow_folder;   // of CAM/NNNNNN.flo, or empty
-  std::vector<InitialPoint> points;  // static points that came with the capture
+  bool masks_are_not_motion = false;  // masks/ holds what the layout means by a mask
+  std::string flow_folder;            // of CAM/NNNNNN.flo (some cameras'), or empty
+  std::vector<InitialPoint> points;   // static points that came with the capture
 };
 
 const char* layout_name(Layout layout);
 
 // Reads the description of the capture in `folder` (not its frames), recognising the layout if it
 // is kAuto. The result has at least one camera, distinct names that can be folders, a frame source
-// for each camera and poses that are rigid. `settings` and `progress` serve the calibration that
+// for each camera and poses that are rigid, and the masks and flow that lie beside any layout.
+// Error: masks/ or flow/ with nothing for any camera; flow of a camera whose lens distorts, as the
+// frames are undistorted and flow is not. `settings` and `progress` serve the calibration that
 // uncalibrated videos need.
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log);

@@ -13,7 +13,7 @@
 //   "pixel_centre"  optional: where K puts the centre of the first pixel, 0.5 (the default) or 0
 //                   (what OpenCV's calibration gives)
 //   "test"          optional, true: held out
-// Other keys are ignored. Masks may be in masks/NAME/.
+// Other keys are ignored.
 #include <algorithm>
 #include <filesystem>
 
@@ -96,6 +96,7 @@ Status take_frames(const std::string& folder, const std::vector<SourceCamera>& f
     }
     camera.video = it->video;
     camera.pictures = it->pictures;
+    camera.numbered = it->numbered;
   }
   for (const SourceCamera& other : found) {
     const bool known = std::any_of(capture.cameras.begin(), capture.cameras.end(),

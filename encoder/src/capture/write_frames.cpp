@@ -112,11 +112,10 @@ Status write_mask(const CameraJob& job, int frame) {
   if (job.camera.test || job.source.masks.empty()) return {};
   const int number = job.capture.first_frame + frame;
   const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
-  const cv::Mat mask = cv::imread(path, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-  if (mask.empty()) {
-    return io_error("{}: the mask of camera '{}' frame {} {}", path, job.source.name, number,
-                    fs::exists(path) ? "cannot be decoded" : "is missing");
-  }
+  STGS_ASSIGN(
+      const cv::Mat mask,
+      decode_file(path, fmt::format("the mask of camera '{}' frame {}", job.source.name, number),
+                  cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION));
   if (mask.cols != job.plan.source.width || mask.rows != job.plan.source.height) {
     return invalid_file("{}: the mask of camera '{}' frame {} is {}x{}, but the frame is {}x{}",
                         path, job.source.name, number, mask.cols, mask.rows, job.plan.source.width,
@@ -125,8 +124,7 @@ Status write_mask(const CameraJob& job, int frame) {
   return write_png(job.capture.mask_path(job.camera, frame), job.plan.mask(mask));
 }
 
-// `decoded` is the frame of a video, or empty.
-Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
+Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
   STGS_TRY(write_mask(job, frame));
   if (copies) return copy_picture(job, frame);
   if (decoded.empty()) {
@@ -134,6 +132,26 @@ Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded
                                       job.plan.source.width, job.plan.source.height));
   }
   return write_png(job.capture.frame_path(job.camera, frame), job.plan.frame(decoded));
+}
+
+// `decoded` is the frame of a video, or empty.
+Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
+  try {
+    return write_unguarded(job, copies, frame, std::move(decoded));
+  } catch (const std::exception& error) {
+    return runtime_error("camera '{}' frame {}: {}", job.source.name,
+                         job.capture.first_frame + frame, error.what());
+  }
+}
+
+// The video's next frame.
+Result<cv::Mat> read_frame(const CameraJob& job, VideoReader& video, int frame) {
+  try {
+    return video.next(job.plan.source.width, job.plan.source.height);
+  } catch (const std::exception& error) {
+    return runtime_error("{}: camera '{}' frame {}: {}", job.source.video, job.source.name,
+                         job.capture.first_frame + frame, error.what());
+  }
 }
 
 struct Step {
@@ -159,7 +177,7 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
       return step;
     }
     if (video) {
-      Result<cv::Mat> image = video->next(job.plan.source.width, job.plan.source.height);
+      Result<cv::Mat> image = read_frame(job, *video, next);
       if (!image.ok()) {
         error.set(image.status(), index, next);
         flow.stop();

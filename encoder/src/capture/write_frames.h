@@ -8,7 +8,8 @@
 namespace stgs::encoder {
 
 // Looks at every camera's frames and checks that they are synchronised: the same number of frames
-// (or all of [settings.first_frame, settings.end_frame)), the same rate. Fills in the cameras,
+// (or all of [settings.first_frame, settings.end_frame)), of the same moments where their names
+// tell, the same rate; and that given flow lacks no frame. Fills in the cameras,
 // frames, first_frame, time_base and frame_extension of `capture`, and applies the split.
 // plans[i] is for source.cameras[i] and capture.cameras[i].
 Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,

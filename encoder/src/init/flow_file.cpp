@@ -8,6 +8,18 @@
 
 namespace stgs::encoder::init {
 
+Result<std::string> find_flow(const std::string& folder, const std::string& camera, int frame) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  if (folder.empty() || !fs::is_directory(folder + "/" + camera, ignored)) return std::string();
+  std::string path = fmt::format("{}/{}/{:06}.flo", folder, camera, frame);
+  if (fs::exists(path, ignored)) return path;
+  return io_error(
+      "{}: camera '{}' has no flow from frame {} to the next; add it, or take the folder away to "
+      "have flow computed",
+      path, camera, frame);
+}
+
 Result<cv::Mat> read_flow(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) return io_error("{}: cannot open the flow file", path);

@@ -20,7 +20,8 @@ struct InitSettings {
   std::uint64_t seed = 1;       // of what is drawn at random; equal seeds give equal bytes
   // Folder of optical flow computed elsewhere: CAM/NNNNNN.flo (Middlebury) holds the motion from
   // source frame NNNNNN to the next. Flow of another size than the prepared frames is scaled to
-  // them, which is right where nothing had to be undistorted. "": none.
+  // them, which is right where nothing had to be undistorted. "": none. A camera without a folder
+  // there gets its flow computed; one with a folder must have every file.
   std::string flow_folder;
   // Points that came with the capture (world space); velocity and frame are ignored.
   std::vector<InitialPoint> points;

@@ -213,12 +213,12 @@ FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
   return patch;
 }
 
-// Given flow at the view's size; empty where there is no file for the frame.
+// Given flow at the view's size; empty where the camera has none.
 Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
                            const std::string& folder, int frame) {
-  const std::string path =
-      fmt::format("{}/{}/{:06}.flo", folder, view.camera->name, capture.first_frame + frame);
-  if (folder.empty() || !std::filesystem::exists(path)) return cv::Mat();
+  STGS_ASSIGN(const std::string path,
+              find_flow(folder, view.camera->name, capture.first_frame + frame));
+  if (path.empty()) return cv::Mat();
   STGS_ASSIGN(cv::Mat flow, read_flow(path));
   const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;
   cv::resize(flow, flow, view.size(), 0, 0, cv::INTER_NEAREST);

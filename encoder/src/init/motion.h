@@ -38,6 +38,10 @@ struct ViewMotion {
 Status find_motion(const PreparedCapture& capture, const View& view, const InitSettings& settings,
                    const Work& work, ViewMotion* motion);
 
+// FOLDER/CAMERA/NNNNNN.flo, NNNNNN being the source's frame counted from 0; "" where `folder` is ""
+// or has nothing for the camera. Error: the camera's folder is there, but not the file.
+Result<std::string> find_flow(const std::string& folder, const std::string& camera, int frame);
+
 // Reads a Middlebury .flo file: CV_32FC2, pixels. Checks the size that it claims.
 Result<cv::Mat> read_flow(const std::string& path);
 

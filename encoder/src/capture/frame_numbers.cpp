@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "frame_numbers.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <optional>
+
+#include "capture_files.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Numbers = std::vector<std::uint64_t>;
+
+constexpr std::size_t kMostDigits = 18;  // fit 64 bits
+
+std::string folder_of(const std::string& path) {
+  return std::filesystem::path(path).parent_path().string();
+}
+
+std::optional<std::uint64_t> number_of(const std::string& path) {
+  const std::string stem = stem_of(path);
+  const std::size_t last = stem.find_last_not_of("0123456789");
+  const std::string digits = last == std::string::npos ? stem : stem.substr(last + 1);
+  if (digits.empty() || digits.size() > kMostDigits) return std::nullopt;
+  return std::stoull(digits);
+}
+
+// The numbers of the first `count` files, which rise; empty where no name ends in one.
+Result<Numbers> numbers_of(const std::vector<std::string>& paths, std::size_t count,
+                           const std::string& camera) {
+  Numbers numbers;
+  for (std::size_t i = 0; i < std::min(count, paths.size()); ++i) {
+    const std::optional<std::uint64_t> number = number_of(paths[i]);
+    if (number.has_value() != number_of(paths[0]).has_value()) {
+      return invalid_file(
+          "{}: camera '{}' has files whose names end in the frame's number and files whose names "
+          "do not; name all of them in one way",
+          paths[i], camera);
+    }
+    if (!number) continue;
+    if (!numbers.empty() && *number <= numbers.back()) {
+      return invalid_file(
+          "{}: camera '{}' has this file after {}, but the number that ends its name is not "
+          "higher; "
+          "a camera's folder must hold one file a frame, named by the frame's number",
+          paths[i], camera, paths[i - 1]);
+    }
+    numbers.push_back(*number);
+  }
+  return numbers;
+}
+
+std::uint64_t smallest_step(const Numbers& numbers, std::uint64_t step) {
+  for (std::size_t i = 1; i < numbers.size(); ++i) {
+    step = std::min(step, numbers[i] - numbers[i - 1]);
+  }
+  return step;
+}
+
+// `first`, `first` + `step`, ...
+Status check_run(const Numbers& numbers, std::uint64_t first, std::uint64_t step,
+                 const std::string& folder, const std::string& camera, const char* what) {
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    const std::uint64_t expected = first + i * step;
+    if (numbers[i] == expected) continue;
+    return invalid_file(
+        "{}: camera '{}' has no {} of frame {} (after {} there comes {}); add the missing files, "
+        "or number the frames without gaps and alike in all cameras",
+        folder, camera, what, expected, i == 0 ? "nothing" : std::to_string(numbers[i - 1]),
+        numbers[i]);
+  }
+  return {};
+}
+
+}  // namespace
+
+Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& log) {
+  constexpr std::uint64_t kUnknown = std::numeric_limits<std::uint64_t>::max();
+  const auto count = end < 0 ? std::numeric_limits<std::size_t>::max() : std::size_t(end);
+  std::vector<Numbers> all;
+  std::uint64_t first = kUnknown, step = kUnknown;
+  for (const SourceCamera& camera : source.cameras) {
+    all.emplace_back();
+    if (!camera.numbered) continue;
+    STGS_ASSIGN(all.back(), numbers_of(camera.pictures, count, camera.name));
+    if (all.back().empty()) {
+      log(1, fmt::format("{}: the names end in no frame number; taken in the order of the names",
+                         folder_of(camera.pictures.front())));
+      continue;
+    }
+    first = std::min(first, all.back().front());
+    step = smallest_step(all.back(), step);
+  }
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].empty()) continue;
+    const SourceCamera& camera = source.cameras[i];
+    STGS_TRY(
+        check_run(all[i], first, step, folder_of(camera.pictures.front()), camera.name, "picture"));
+  }
+  return {};
+}
+
+Status check_mask_numbers(const SourceCamera& camera) {
+  STGS_ASSIGN(const Numbers numbers, numbers_of(camera.masks, camera.masks.size(), camera.name));
+  if (numbers.empty()) return {};
+  return check_run(numbers, std::min<std::uint64_t>(numbers.front(), 1), 1,
+                   folder_of(camera.masks.front()), camera.name, "mask");
+}
+
+}  // namespace stgs::encoder

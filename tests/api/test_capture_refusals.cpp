@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+// Captures with something missing, misnamed or damaged: refused by name, never bent to fit.
+#include <algorithm>
+#include <catch2/catch.hpp>
+
+#include "capture_fixture.h"
+#include "src/capture/capture_files.h"
+
+namespace stgs::encoder::capture_test {
+namespace {
+
+// Cameras a, b, c with folders of pictures and a cameras.json; `lens` is further JSON of each.
+void write_abc(const Folder& folder, int frames, const std::string& lens = "") {
+  std::string list;
+  for (int i = 0; i < 3; ++i) {
+    const Camera c = known_camera(i, 3, "");
+    const std::string name(1, static_cast<char>('a' + i));
+    list += fmt::format("{}\"{}\":{{\"K\":{},\"w2c\":{}{}}}", i == 0 ? "" : ",", name,
+                        json_list(matrix_k(c)), json_list(world_to_camera(c)), lens);
+    write_pictures(folder / ("images/" + name), i, frames);
+  }
+  write_text(folder / "cameras.json", "{" + list + "}");
+}
+
+// What is said about the capture before any frame is written.
+Status planned(const std::string& folder, const PrepareSettings& settings = {}) {
+  STGS_ASSIGN(const SourceCapture source, load(folder, settings));
+  PreparedCapture prepared;
+  return plan_frames(source, settings, prepared,
+                     [](int, const std::string& line) { log_lines().push_back(line); })
+      .status();
+}
+
+Status written(const std::string& folder, const PrepareSettings& settings, const std::string& out) {
+  STGS_ASSIGN(const SourceCapture source, load(folder, settings));
+  PreparedCapture prepared;
+  prepared.folder = out;
+  const auto log = [](int, const std::string&) {};
+  STGS_ASSIGN(const auto plans, plan_frames(source, settings, prepared, log));
+  return write_frames(source, plans, prepared, {});
+}
+
+TEST_CASE("a picture missing amid the others is named, also where the counts agree") {
+  const Folder folder;
+  write_abc(folder, 6);
+  fs::remove(folder / "images/c/000005.png");
+  fs::remove(folder / "images/a/000001.png");
+  fs::remove(folder / "images/b/000004.png");
+  CHECK(says(planned(folder.path), {"images/a", "camera 'a'", "frame 1 "}));
+  write_picture(folder / "images/a/000001.png", picture(0, 1));
+  CHECK(says(planned(folder.path), {"images/b", "camera 'b'", "frame 4 "}));
+  PrepareSettings before;
+  before.end_frame = 4;
+  CHECK(planned(folder.path, before).ok());
+  before.end_frame = 5;
+  CHECK(says(planned(folder.path, before), {"camera 'b'", "frame 4 "}));
+}
+
+TEST_CASE("cameras whose pictures begin with different frames are refused") {
+  const Folder folder;
+  write_abc(folder, 4);
+  fs::remove(folder / "images/b/000000.png");
+  for (const char* name : {"a", "c"})
+    fs::remove(folder / fmt::format("images/{}/000003.png", name));
+  CHECK(says(planned(folder.path), {"images/b", "camera 'b'", "frame 0 "}));
+}
+
+TEST_CASE("pictures may be numbered from any frame in any step, or not at all") {
+  const Folder folder;
+  write_abc(folder, 6);
+  for (const char* name : {"a", "b", "c"}) {
+    for (int frame : {0, 2, 4})
+      fs::remove(folder / fmt::format("images/{}/{:06}.png", name, frame));
+  }
+  CHECK(planned(folder.path).ok());  // 1, 3, 5
+  for (const char* name : {"a", "b", "c"}) {
+    int letter = 'x';
+    for (int frame : {1, 3, 5}) {
+      fs::rename(folder / fmt::format("images/{}/{:06}.png", name, frame),
+                 folder / fmt::format("images/{}/{}.png", name, static_cast<char>(letter++)));
+    }
+  }
+  CHECK(planned(folder.path).ok());
+  const auto lines = log_lines();
+  CHECK(std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
+    return line.find("no frame number") != std::string::npos;
+  }));
+  write_picture(folder / "images/b/9.png", picture(1, 0));
+  CHECK(says(planned(folder.path), {"images/b", "one way"}));
+}
+
+TEST_CASE("two files of one frame are refused") {
+  const Folder folder;
+  write_abc(folder, 3);
+  write_picture(folder / "images/b/000001.jpg", picture(1, 1));
+  CHECK(says(planned(folder.path), {"images/b/000001", "camera 'b'", "one file a frame"}));
+}
+
+TEST_CASE("masks beside a capture are taken whatever its layout") {
+  const Folder folder;
+  write_n3dv(folder.path, 3, 3);
+  write_pictures(folder / "masks/cam01", 1, 3);
+  auto capture = load(folder.path);
+  REQUIRE(capture.ok());
+  REQUIRE(find(*capture, "cam01")->masks.size() == 3);
+  CHECK(find(*capture, "cam00")->masks.empty());
+
+  SECTION("a gap is a missing mask, not a shift") {
+    fs::remove(folder / "masks/cam01/000001.png");
+    CHECK(says(load(folder.path).status(), {"masks/cam01", "'cam01'", "mask of frame 1 "}));
+  }
+  SECTION("a folder that is no camera's is told of") {
+    write_pictures(folder / "masks/cam1", 1, 3);
+    REQUIRE(load(folder.path).ok());
+    bool told = false;
+    for (const std::string& line : log_lines()) told |= line.find("'cam1'") != std::string::npos;
+    CHECK(told);
+  }
+  SECTION("masks of no camera are an error") {
+    fs::rename(folder / "masks/cam01", folder / "masks/cam1");
+    CHECK(says(load(folder.path).status(), {"/masks", "cam00", "any camera"}));
+  }
+}
+
+TEST_CASE("nerfstudio's masks/ are motion, unless transforms.json says what they are") {
+  const Folder folder;
+  const Camera c = known_camera(0, 3, "");
+  std::vector<double> c2w(16, 0.0);
+  c2w[0] = c2w[5] = c2w[10] = c2w[15] = 1;
+  const auto write = [&](const std::string& more) {
+    std::string frames;
+    for (int f = 0; f < 2; ++f) {
+      frames +=
+          fmt::format("{}{{\"file_path\":\"images/one/{:06}.png\",\"transform_matrix\":{}{}}}",
+                      f == 0 ? "" : ",", f, json_list(c2w), more);
+    }
+    write_text(folder / "transforms.json",
+               fmt::format("{{\"w\":{},\"h\":{},\"fl_x\":{},\"frames\":[{}]}}", kWidth, kHeight,
+                           c.fx, frames));
+  };
+  write_pictures(folder / "images/one", 0, 2);
+  write_pictures(folder / "masks/one", 0, 2);
+  write("");
+  const auto motion = load(folder.path);
+  REQUIRE(motion.ok());
+  CHECK(motion->cameras.at(0).masks.size() == 2);
+  write(",\"mask_path\":\"masks/one/000000.png\"");
+  const auto validity = load(folder.path);
+  REQUIRE(validity.ok());
+  CHECK(validity->cameras.at(0).masks.empty());
+}
+
+TEST_CASE("given flow lacks no frame, and its lens does not distort") {
+  const Folder folder;
+  write_abc(folder, 3, GENERATE("", ",\"dist\":[-0.1,0,0,0]"));
+  const bool bent = load(folder.path)->cameras.at(0).lens != LensModel::kPinhole;
+  write_text(folder / "flow/b/000000.flo", "");
+  if (bent) {
+    const Status refused = planned(folder.path);
+    CHECK(refused.code() == StatusCode::kUnsupported);
+    CHECK(says(refused, {"flow/b", "'b'", "distorts"}));
+    return;
+  }
+  CHECK(says(planned(folder.path), {"flow/b/000001.flo", "'b'", "frame 1"}));
+  write_text(folder / "flow/b/000001.flo", "");
+  CHECK(planned(folder.path).ok());
+  PrepareSettings held_out;
+  held_out.test_cameras = {"b"};
+  fs::remove(folder / "flow/b/000000.flo");
+  CHECK(planned(folder.path, held_out).ok());
+  fs::rename(folder / "flow/b", folder / "flow/cam_b");
+  CHECK(says(planned(folder.path), {"/flow", "any camera"}));
+}
+
+// A BMP that claims more pixels than OpenCV decodes.
+std::string enormous_bmp() {
+  std::string bytes = "BM";
+  for (const std::uint32_t v : {54u, 0u, 54u, 40u, 60000u, 60000u}) append(bytes, v);
+  append(bytes, std::uint16_t{1});
+  append(bytes, std::uint16_t{24});
+  for (int i = 0; i < 6; ++i) append(bytes, std::uint32_t{0});
+  return bytes;
+}
+
+TEST_CASE("a picture that OpenCV throws at is a bad file of a camera and a frame") {
+  const Folder folder;
+  write_abc(folder, 3);
+  PrepareSettings half;
+  half.scale = 0.5;
+  for (const int frame : {2, 0}) {  // met while writing; while looking at the first one
+    fs::remove(folder / fmt::format("images/b/{:06}.png", frame));
+    write_bytes(folder / fmt::format("images/b/{:06}.bmp", frame), enormous_bmp());
+    const Status status = written(folder.path, half, folder / fmt::format("out{}", frame));
+    CHECK(status.code() == StatusCode::kInvalidFile);
+    CHECK(says(status, {fmt::format("images/b/{:06}.bmp", frame),
+                        fmt::format("camera 'b' frame {}", frame)}));
+  }
+}
+
+TEST_CASE("easyvolcap: a matrix that is something else is a bad file") {
+  const Folder folder;
+  write_text(folder / "intri.yml", "%YAML:1.0\n---\nnames:\n   - \"00\"\nK_00: \"none\"\n");
+  write_text(folder / "extri.yml", "%YAML:1.0\n---\nnames:\n   - \"00\"\n");
+  const Status status = load(folder.path).status();
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(says(status, {"intri.yml", "K_00"}));
+}
+
+TEST_CASE("a camera's name that is not UTF-8 is refused before any work") {
+  const Folder folder;
+  write_n3dv(folder.path, 3, 2);
+  fs::rename(folder / "cam01.mp4", folder / "cam01\xe9.mp4");
+  const Status status = load(folder.path).status();
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(says(status, {"cam01", "UTF-8"}));
+}
+
+TEST_CASE("what cannot be replaced stays") {
+  const Folder folder;
+  write_text(folder / "out/capture.json", "old");
+  CHECK(says(replace_folder(folder / "nothing", folder / "out"), {"/out", "put the result"}));
+  CHECK(fs::exists(folder / "out/capture.json"));
+  write_text(folder / "made/new.json", "new");
+  REQUIRE(replace_folder(folder / "made", folder / "out").ok());
+  CHECK(fs::exists(folder / "out/new.json"));
+  CHECK(std::distance(fs::directory_iterator(folder.path), fs::directory_iterator()) == 1);
+}
+
+// A capture that is written and read.
+PreparedCapture sane_capture(const Folder& folder) {
+  PreparedCapture capture;
+  capture.folder = folder.path;
+  capture.frames = 1;
+  capture.cameras = {known_camera(0, 3, "a")};
+  return capture;
+}
+
+TEST_CASE("capture.json with numbers that training cannot use is refused") {
+  const Folder folder;
+  const PreparedCapture sane = sane_capture(folder);
+  REQUIRE(write_prepared_capture(sane).ok());
+  CHECK(read_prepared_capture(folder.path).ok());
+  const auto refused = [&](const auto& change, const std::vector<std::string>& words) {
+    PreparedCapture capture = sane;
+    change(capture);
+    CHECK(says(write_prepared_capture(capture), words));
+  };
+  refused([](auto& c) { c.near_plane = -1; }, {"capture.json", "near_plane (-1)"});
+  refused([](auto& c) { c.extent = 0; }, {"extent (0)"});
+  refused([](auto& c) { c.scene_radius = std::nan(""); }, {"scene_radius"});
+  refused([](auto& c) { c.scene_centre[1] = 1e300; }, {"scene_centre"});
+  refused([](auto& c) { c.cameras[0].cx = 1e300; }, {"'a'", "centre"});
+  refused([](auto& c) { c.cameras[0].rotation[4] += 0.1; }, {"'a'", "rotation"});
+  refused(
+      [](auto& c) {
+        for (double& r : c.cameras[0].rotation) r = -r;
+      },
+      {"'a'", "rotation"});
+  refused([](auto& c) { c.cameras[0].translation[2] = 1e300; }, {"'a'", "translation"});
+  refused([](auto& c) { c.cameras[0].name = "a\xe9"; }, {"capture.json", "UTF-8"});
+
+  std::ifstream in(folder / "capture.json");
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  const std::size_t at = text.find("\"near_plane\": ");
+  REQUIRE(at != std::string::npos);
+  text.insert(at + std::string("\"near_plane\": ").size(), "-");
+  write_text(folder / "capture.json", text);
+  CHECK(says(read_prepared_capture(folder.path).status(), {"capture.json", "near_plane"}));
+}
+
+}  // namespace
+}  // namespace stgs::encoder::capture_test
