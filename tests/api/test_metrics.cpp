@@ -65,6 +65,20 @@ TEST_CASE("psnr of a constant offset is known") {
   REQUIRE(psnr_of(0) == kPsnrMax);
 }
 
+TEST_CASE("a pixel that is no number is named, and no measure hides it") {
+  const Image good = noise(20, 15, 1);
+  REQUIRE(check_finite(good, "a.exr").ok());
+  for (const float value : {std::nanf(""), HUGE_VALF, -HUGE_VALF}) {
+    Image bad = good;
+    bad.plane(2)[4 * 20 + 7] = value;
+    const Status status = check_finite(bad, "a.exr");
+    REQUIRE(status.code() == StatusCode::kInvalidFile);
+    REQUIRE(status.message().find("a.exr: channel B of pixel (7, 4) is") == 0);
+    REQUIRE_FALSE(psnr_of(mean_squared_error(good, bad)) > 0);
+  }
+  REQUIRE(std::isnan(psnr_of(std::nan(""))));
+}
+
 TEST_CASE("ssim agrees with its definition, window by window") {
   const Image a = noise(23, 17, 2), n = noise(23, 17, 3);
   Image b = a;

@@ -91,6 +91,32 @@ TEST_CASE("pack reports the errors of the file that it wrote") {
   std::filesystem::remove_all(folder);
 }
 
+TEST_CASE("packing stops where it is told to, and then writes nothing") {
+  const auto folder = std::filesystem::temp_directory_path() / "stgs_pack_stop_test";
+  std::filesystem::create_directories(folder);
+  const std::string in = (folder / "in.stgs").string(), out = (folder / "out.stgs").string();
+  REQUIRE(write_scene(in, random_scene(300, 0, 60, 13), {}).ok());
+  for (int steps = 0;; ++steps) {
+    double last = -1;
+    int left = steps;
+    const Status status = encoder::pack(in, out, {}, nullptr, [&](const encoder::Progress& p) {
+      CHECK(p.stage == "pack");
+      CHECK(p.done > last);
+      last = p.done;
+      return left-- > 0;
+    });
+    if (last == 1) {  // told when the file is there: too late to stop
+      CHECK(status.ok());
+      CHECK(steps >= 2);
+      CHECK(std::filesystem::exists(out));
+      break;
+    }
+    CHECK(status.code() == StatusCode::kRuntime);
+    CHECK_FALSE(std::filesystem::exists(out));
+  }
+  std::filesystem::remove_all(folder);
+}
+
 TEST_CASE("what stands still is exactly still after packing") {
   Scene scene = random_scene(500, 0, 60, 14);
   std::fill(scene.gaussians.velocity.begin(), scene.gaussians.velocity.end(), 0.0f);

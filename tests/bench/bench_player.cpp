@@ -69,7 +69,7 @@ Result<encoder::Camera> find_camera(const std::string& scene, const char* path) 
   if (path != nullptr) return read_camera(path);
   STGS_ASSIGN(const auto reader, SceneReader::open(scene));
   if (!reader->metadata().start_camera) return usage_error("{}: has no start camera", scene);
-  return camera_of(*reader->metadata().start_camera);
+  return camera_of(*reader->metadata().start_camera, scene);
 }
 
 Status bench(int argc, char** argv) {

@@ -3,6 +3,7 @@
 // their counts with good checksums, and a prepared capture rendered from the scene.
 //
 // usage: make_fixture FOLDER
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
@@ -91,6 +92,17 @@ Status write_changed_head(const std::vector<std::uint8_t>& bytes, const std::str
   return write_file_atomically(path, out);
 }
 
+// A picture with a NaN in green at (3, 2); nothing in a build without OpenEXR.
+Status write_pixel_that_is_none(const std::string& path) {
+  player::Frame frame;
+  frame.colour.reshape(16, 12, 3);
+  frame.alpha.reshape(16, 12, 1);
+  frame.depth.reshape(16, 12, 1);
+  frame.colour.plane(1)[2 * 16 + 3] = std::nanf("");
+  const Status status = tools::write_exr(path, frame);
+  return status.code() == StatusCode::kNotBuilt ? Status() : status;
+}
+
 Status write_all(const std::string& folder) {
   Scene scene = fixture_scene();
   WriteSettings settings;
@@ -109,12 +121,20 @@ Status write_all(const std::string& folder) {
                               [](FileHead& head) { head.index.primitives += 1; }));
   STGS_TRY(write_changed_head(bytes, folder + "/newer_major.stgs",
                               [](FileHead& head) { head.header.major = kFormatMajor + 1; }));
+  STGS_TRY(write_changed_head(bytes, folder + "/wide_start.stgs", [](FileHead& head) {
+    head.metadata.scene.start_camera->width = 0x80000040;
+  }));
+  STGS_TRY(write_changed_head(bytes, folder + "/skew_start.stgs", [](FileHead& head) {
+    head.metadata.scene.start_camera->rotation[0] = 2;
+  }));
+  STGS_TRY(write_pixel_that_is_none(folder + "/nan.exr"));
   settings.profile = Profile::kQuantised;
   STGS_TRY(write_scene(folder + "/packed.stgs", scene, settings));
+  const std::optional<StartCamera> start = scene.metadata.start_camera;
   scene.metadata.start_camera.reset();
   STGS_TRY(write_scene(folder + "/no_camera.stgs", scene, settings));
   scene.metadata.frames = 2 * kFrames;
-  scene.metadata.start_camera = StartCamera{};
+  scene.metadata.start_camera = start;
   return write_scene(folder + "/longer.stgs", scene, settings);
 }
 

@@ -3,12 +3,14 @@
 import json
 import os
 import resource
+import struct
 import unittest
+import zlib
 
 import harness
 from harness import CliTest
 
-IO, INVALID, UNSUPPORTED = 2, 3, 5
+IO, INVALID, RUNTIME, UNSUPPORTED = 2, 3, 4, 5
 
 
 def flipped(data, at):
@@ -26,20 +28,24 @@ class DamagedScenes(CliTest):
             (IO, "missing.stgs: cannot open: No such file", self.path("missing.stgs")),
             (IO, "not a regular file", self.work),
             (IO, "not a regular file", "/dev/null"),
-            (INVALID, "empty.stgs.*", self.write("empty.stgs", b"")),
-            (INVALID, "short.stgs.*(truncated|bytes)", self.write("short.stgs", self.good[:17])),
-            (INVALID, "cut.stgs.*(truncated|bytes)",
+            (INVALID, "empty.stgs: 0 bytes are too few", self.write("empty.stgs", b"")),
+            (INVALID, "short.stgs: 17 bytes are too few", self.write("short.stgs", self.good[:17])),
+            (INVALID, f"cut.stgs: the file is truncated: {len(self.good) // 2} bytes",
              self.write("cut.stgs", self.good[:len(self.good) // 2])),
-            (INVALID, "text.stgs.*(magic|not a)", self.write("text.stgs", "no scene " * 50)),
-            (INVALID, "magic.stgs.*(magic|not a)",
+            (INVALID, "text.stgs: not an .stgs file", self.write("text.stgs", "no scene " * 50)),
+            (INVALID, "magic.stgs: not an .stgs file",
              self.write("magic.stgs", flipped(self.good, 1))),
-            (INVALID, "meta.stgs.*checksum", self.write("meta.stgs", flipped(self.good, 80))),
-            (INVALID, "long.stgs.*byte", self.write("long.stgs", self.good + b"more")),
+            (INVALID, "meta.stgs: record 'META' is damaged",
+             self.write("meta.stgs", flipped(self.good, 80))),
+            (INVALID, "long.stgs: the file has bytes after its end",
+             self.write("long.stgs", self.good + b"more")),
             (UNSUPPORTED, "newer_major.stgs.*format version 1.1",
              self.fixture("newer_major.stgs")),
-            (INVALID, "huge_count.stgs.*claims 4294967295 primitives", self.fixture("huge_count.stgs")),
-            (INVALID, "huge_bytes.stgs.*", self.fixture("huge_bytes.stgs")),
-            (INVALID, "wrong_sum.stgs.*primitives", self.fixture("wrong_sum.stgs")),
+            (INVALID, "huge_count.stgs.*claims 4294967295 primitives",
+             self.fixture("huge_count.stgs")),
+            (INVALID, "huge_bytes.stgs: .*lies outside the body", self.fixture("huge_bytes.stgs")),
+            (INVALID, "wrong_sum.stgs: .*hold 400 primitives, the total says 401",
+             self.fixture("wrong_sum.stgs")),
         ]
         verbs = {
             "info": lambda f: ["info", f],
@@ -57,7 +63,24 @@ class DamagedScenes(CliTest):
         """The head is whole, so info works; what draws the segment does not."""
         path = self.write("body.stgs", flipped(self.good, len(self.good) - 40))
         self.succeeds("info", path)
-        self.fails(INVALID, "body.stgs.*checksum", "render", path, "--frames", "0:6", "-o", "null")
+        self.fails(INVALID, r"body.stgs: .*checksum.* \(drawing 0(\.\d+)? s\)$", "render", path,
+                   "--frames", "0:6", "-o", "null")
+        self.fails(INVALID, r"body.stgs: .*checksum.* \(drawing 0(\.\d+)? s\)$", "evaluate", path,
+                   "--against", self.fixture("prepared"))
+
+    def test_too_little_memory_is_an_error_that_names_the_file_and_the_moment(self):
+        def limit():
+            resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+        self.fails(RUNTIME, r"tiny.stgs: cannot draw 0\.1 s: .*memory", "render",
+                   self.fixture("tiny.stgs"), "--time", "0.1", "--size", "30000x30000", "-o",
+                   "null", "--threads", "2", preexec_fn=limit)
+
+    def test_start_cameras_that_are_wrong(self):
+        for name, message in (("wide_start", "2147483712"), ("skew_start", "rotation")):
+            for line in (["render", self.fixture(name + ".stgs"), "--time", "0", "-o", "null"],
+                         ["compare", self.fixture(name + ".stgs"), self.fixture("tiny.stgs")]):
+                with self.subTest(line=line):
+                    self.fails(INVALID, f"{name}.stgs: .*{message}", *line)
 
     def test_validate_tells_good_from_bad(self):
         good, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
@@ -163,6 +186,18 @@ class WrongCaptures(CliTest):
         bad = self.write("bad.png", b"not a picture")
         self.fails(INVALID, "bad.png: cannot decode this picture", "compare", bad, bad)
         self.fails(IO, "none.png: cannot open", "compare", self.path("none.png"), bad)
+
+        def png(width, height):
+            """The signature and head of a PNG, which state its size."""
+            body = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+            return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(
+                ">I", zlib.crc32(body))
+        wide = self.write("wide.png", png(40000, 10))
+        self.fails(INVALID, "wide.png: 40000x10 pixels is no size", "compare", wide, wide)
+        large = self.write("large.png", png(17000, 17000))
+        self.fails(UNSUPPORTED, "large.png: 17000x17000 is too large", "compare", large, large)
+        os.truncate(wide, (1 << 32) + 100)  # a hole: takes no room
+        self.fails(UNSUPPORTED, "wide.png: 4294967396 bytes is too large", "compare", wide, wide)
 
 
 class Outputs(CliTest):

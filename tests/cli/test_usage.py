@@ -27,12 +27,15 @@ class Usage(CliTest):
             ("B is required", ["compare", tiny]),
             ("not expected: extra", ["info", tiny, "extra"]),
             ("--format: yaml not in", ["info", tiny, "--format", "yaml"]),
-            ("--progress: often not in", ["info", tiny, "--progress", "often"]),
-            ("--log-level: loud not in", ["info", tiny, "--log-level", "loud"]),
-            ("--backend: abacus not in", ["info", tiny, "--backend", "abacus"]),
-            ("--threads: -1 is out of range", ["info", tiny, "--threads", "-1"]),
-            ("--threads: 'two' is not a number", ["info", tiny, "--threads", "two"]),
-            ("--seed: '-3' is not a whole number", ["info", tiny, "--seed", "-3"]),
+            ("--progress: often not in", [*render, "--progress", "often"]),
+            ("--log-level: loud not in", [*render, "--log-level", "loud"]),
+            ("--backend: abacus not in", [*render, "--backend", "abacus"]),
+            ("--threads: -1 is out of range", ["validate", tiny, "--threads", "-1"]),
+            ("--threads: 'two' is not a number", ["validate", tiny, "--threads", "two"]),
+            ("--seed: '-3' is not a whole number",
+             ["train", prepared, "-o", "out.stgs", "--seed", "-3"]),
+            ("unknown option '--seed'", [*render, "--seed", "3"]),
+            ("unknown option '--backend'", ["info", tiny, "--backend", "cpu"]),
             ("--time: 'soon' is not a number", [*render, "--time", "soon"]),
             ("--time: 'nan' is not a number", [*render, "--time", "nan"]),
             ("--time -1 is out of range: .* lasts from 0 to 0.2 s", [*render, "--time", "-1"]),
@@ -88,6 +91,15 @@ class Usage(CliTest):
         self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",
                    self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--backend", "vulkan")
 
+    def test_a_backend_that_does_not_train_says_so(self):
+        for backend in ("cuda", "vulkan"):
+            for verb in ("train", "encode"):
+                with self.subTest(backend=backend, verb=verb):
+                    self.fails(6, f"'{backend}' cannot train in this build; use --backend cpu",
+                               verb, self.fixture("prepared"), "-o", "out.stgs", "--backend",
+                               backend)
+        self.assertEqual(os.listdir(self.work), [])
+
 
 class Help(CliTest):
     def verbs(self):
@@ -101,9 +113,23 @@ class Help(CliTest):
                 text = self.succeeds(verb, "--help").stdout.decode()
                 self.assertRegex(text, rf"Example:\n  stgs {verb} ")
                 self.assertIn("Exit codes: 0 ok, 1 usage", text)
-                for option in ("--format", "--progress", "--threads", "--seed", "--log-level",
-                               "--backend"):
-                    self.assertIn(option, text)
+                self.assertIn("--format", text)
+
+    def test_shared_options_are_where_they_do_something(self):
+        drawing = {"render", "evaluate", "compare"}
+        training = {"train", "encode"}
+        expected = {
+            "--progress": drawing | training | {"prepare", "pack"},
+            "--log-level": training | {"prepare", "render"},
+            "--backend": drawing | training,
+            "--threads": drawing | training | {"prepare", "pack", "validate"},
+            "--seed": training | {"prepare"},
+        }
+        for verb in self.verbs():
+            text = self.succeeds(verb, "--help").stdout.decode()
+            for option, verbs in expected.items():
+                self.assertEqual(bool(re.search(rf"{option}\b", text)), verb in verbs,
+                                 f"{verb} {option}")
 
     def test_options_of_the_design_are_there(self):
         expected = {

@@ -2,6 +2,7 @@
 """What the verbs that read a scene do when all is well."""
 import json
 import os
+import shutil
 import signal
 import subprocess
 import unittest
@@ -26,6 +27,12 @@ class Reading(CliTest):
         text = self.succeeds("info", self.fixture("tiny.stgs")).stdout.decode()
         self.assertIn("400", text)
         self.assertIn("position", text)
+
+    def test_a_name_that_is_not_utf8(self):
+        shutil.copy(self.fixture("tiny.stgs"), self.path("x\udcff.stgs"))  # the byte 0xff
+        self.assertEqual(self.json_of("info", "x\udcff.stgs")["file"], "x\ufffd.stgs")
+        report = self.json_of("validate", "x\udcff.stgs")
+        self.assertEqual(report["files"][0]["file"], "x\ufffd.stgs")
 
     def test_evaluate(self):
         report = self.json_of("evaluate", self.fixture("tiny.stgs"), "--against",
@@ -68,6 +75,8 @@ class Reading(CliTest):
         self.fails(7, "a.png is 64x48, small.png is 32x24", "compare", "a.png", "small.png")
         if harness.built_in("exr"):
             self.succeeds("render", tiny, "--time", "0", "-o", "a.exr")
+            self.fails(3, r"nan.exr: channel G of pixel \(3, 2\) is -?nan", "compare",
+                       self.fixture("nan.exr"), self.fixture("nan.exr"), "--min-psnr", "40")
             # Half floats and linear light cost less than rounding to 8 bits.
             self.assertGreater(self.json_of("compare", "a.png", "a.exr")["psnr"], 55)
 

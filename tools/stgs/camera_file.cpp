@@ -24,9 +24,9 @@ bool is_rotation(const double* r) {
 }
 
 Status check(const encoder::Camera& camera, const std::string& path) {
-  const auto side = [](int v) { return v >= 1 && v <= 32768; };
+  const auto side = [](int v) { return v >= 1 && v <= kMaxSide; };
   if (!side(camera.width) || !side(camera.height)) {
-    return invalid_file("{}: width and height must be 1 to 32768 pixels", path);
+    return invalid_file("{}: width and height must be 1 to {} pixels", path, kMaxSide);
   }
   const bool focal = camera.fx > 0 && camera.fy > 0 && std::isfinite(camera.fx) &&
                      std::isfinite(camera.fy) && std::isfinite(camera.cx) &&
@@ -74,7 +74,13 @@ Result<encoder::Camera> read_camera(const std::string& path) {
   }
 }
 
-encoder::Camera camera_of(const StartCamera& start) {
+Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file) {
+  const std::string name = file + ": start camera";
+  // Before they become signed.
+  if (start.width > kMaxSide || start.height > kMaxSide) {
+    return invalid_file("{}: {}x{} pixels; a side has at most {}", name, start.width, start.height,
+                        kMaxSide);
+  }
   encoder::Camera camera;
   camera.name = "start";
   camera.width = static_cast<int>(start.width);
@@ -85,6 +91,7 @@ encoder::Camera camera_of(const StartCamera& start) {
   camera.cy = start.cy;
   std::copy(start.rotation, start.rotation + 9, camera.rotation);
   std::copy(start.translation, start.translation + 3, camera.translation);
+  STGS_TRY(check(camera, name));
   return camera;
 }
 

@@ -14,7 +14,8 @@ namespace stgs::tools {
 
 // Reads one camera; also takes the whole document that `stgs info --format json` prints.
 Result<encoder::Camera> read_camera(const std::string& path);
-encoder::Camera camera_of(const StartCamera& start);
+// The start camera of `file`; kInvalidFile where its size, focal lengths or rotation make no sense.
+Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file);
 Json camera_json(const StartCamera& start);
 
 // The same view at another size: the intrinsics are rescaled, an axis each.

@@ -39,6 +39,9 @@ class Compare final : public Command {
             "  stgs compare a.png b.png\n  stgs compare lossless.stgs packed.stgs --min-psnr 40"};
   }
 
+  Shared shared() const override {
+    return {.progress = true, .backend = "What draws", .threads = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("A", a_, "A picture or a .stgs file")->required();
     app.add_option("B", b_, "Another of its kind")->required();
@@ -67,6 +70,8 @@ class Compare final : public Command {
       return {StatusCode::kDiffers, fmt::format("{} is {}x{}, {} is {}x{}", a_, a.width, a.height,
                                                 b_, b.width, b.height)};
     }
+    STGS_TRY(check_finite(a, a_));
+    STGS_TRY(check_finite(b, b_));
     STGS_ASSIGN(const Difference d, difference(a, b));
     Json json = {{"a", a_}, {"b", b_}, {"kind", "pictures"}};
     return report(session, json, d);
@@ -93,7 +98,8 @@ class Compare final : public Command {
       const double seconds = a->duration_seconds() * (i + 0.5) / moments_;
       Image pictures[2];
       for (int k = 0; k < 2; ++k) {
-        STGS_ASSIGN(pictures[k], draw(session, k == 0 ? *a : *b, seconds, camera));
+        STGS_ASSIGN(pictures[k],
+                    draw(session, k == 0 ? *a : *b, k == 0 ? a_ : b_, seconds, camera));
       }
       STGS_ASSIGN(const Difference d, difference(pictures[0], pictures[1]));
       total.mse += d.mse / moments_;
@@ -112,16 +118,18 @@ class Compare final : public Command {
     if (!metadata.start_camera) {
       return usage_error("{}: has no start camera; give --camera", a_);
     }
-    return camera_of(*metadata.start_camera);
+    return camera_of(*metadata.start_camera, a_);
   }
 
-  static Result<Image> draw(Session& session, player::Timeline& timeline, double seconds,
-                            const encoder::Camera& camera) {
+  static Result<Image> draw(Session& session, player::Timeline& timeline, const std::string& file,
+                            double seconds, const encoder::Camera& camera) {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     const float* b = timeline.metadata().background;
     const player::View view{camera.pinhole(timeline.metadata().near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
-    STGS_TRY(renderer->render(timeline, seconds, {view}, frames, nullptr));
+    STGS_TRY(
+        at_moment(renderer->render(timeline, seconds, {view}, frames, nullptr), file, seconds));
+    STGS_TRY(check_finite(frames[0].colour, moment_name(file, seconds)));
     for (float& v : frames[0].colour.data) v = std::clamp(v, 0.0f, 1.0f);
     return std::move(frames[0].colour);
   }

@@ -19,6 +19,13 @@ class Encode final : public Command {
             "  stgs encode capture/ -o scene.stgs\n"
             "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/"};
   }
+  Shared shared() const override {
+    return {.progress = true,
+            .log_level = true,
+            .backend = "What trains",
+            .threads = true,
+            .seed = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
@@ -32,7 +39,10 @@ class Encode final : public Command {
   Status run(Session& session) override {
     STGS_ASSIGN(const auto training, train_.settings(session.options));
     STGS_TRY(check_can_write(output_));
-    const std::string work = keep_work_.empty() ? temporary_name(output_) + ".work" : keep_work_;
+    for (const std::string& folder : remove_stale_work(output_)) {
+      session.log(2, fmt::format("{}: removed, a killed encode had left it", folder));
+    }
+    const std::string work = keep_work_.empty() ? work_name(output_) : keep_work_;
     std::error_code error;
     std::filesystem::create_directories(work, error);
     if (error) return io_error("{}: cannot create: {}", work, error.message());
@@ -50,8 +60,8 @@ class Encode final : public Command {
     seconds[0] = lap();
     STGS_TRY(train_to_file(prepared, trained, training, session, train_report));
     seconds[1] = lap();
-    if (interrupted()) return runtime_error("stopped before packing");
-    STGS_TRY(encoder::pack(trained, output_, pack_.settings(), &pack_report));
+    STGS_TRY(
+        encoder::pack(trained, output_, pack_.settings(), &pack_report, session.progress_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);
   }
@@ -70,12 +80,13 @@ class Encode final : public Command {
         {"work", keep_work_.empty() ? Json(nullptr) : Json(keep_work_)},
         {"peak_memory", peak_memory()}};
     return session.emit(
-        json, fmt::format("{}: {} primitives, {}, {:.1f} bytes a primitive\n"
-                          "prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
-                          "{}\n",
-                          output_, pack.primitives, human_bytes(pack.bytes_out),
-                          pack.bytes_per_primitive, seconds[0], seconds[1], train.iterations,
-                          seconds[2], human_bytes(peak_memory())));
+        json,
+        fmt::format("{}: {} primitives ({} never visible left out), {}, {:.1f} bytes a primitive\n"
+                    "prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
+                    "{}\n",
+                    output_, pack.primitives, pack.dropped, human_bytes(pack.bytes_out),
+                    pack.bytes_per_primitive, seconds[0], seconds[1], train.iterations, seconds[2],
+                    human_bytes(peak_memory())));
   }
 
   std::string capture_, output_, keep_work_;

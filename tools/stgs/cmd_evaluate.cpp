@@ -77,6 +77,9 @@ class Evaluate final : public Command {
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
 
+  Shared shared() const override {
+    return {.progress = true, .backend = "What draws", .threads = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("FILE", file_, "The .stgs file")->required();
     app.add_option("--against", folder_, "Prepared capture")->required();
@@ -99,7 +102,7 @@ class Evaluate final : public Command {
 
  private:
   Status check_match(const SceneMetadata& metadata) const {
-    if (static_cast<int>(metadata.frames) != capture_.frames ||
+    if (static_cast<std::int64_t>(metadata.frames) != capture_.frames ||
         !(metadata.time_base == capture_.time_base)) {
       return usage_error(
           "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", file_,
@@ -159,8 +162,10 @@ class Evaluate final : public Command {
     const float* b = metadata.background;
     const player::View view{cameras_[job.camera].pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
+    const double seconds = metadata.time_base.seconds(job.frame);
     STGS_TRY(
-        renderer.render(timeline, metadata.time_base.seconds(job.frame), {view}, frames, nullptr));
+        at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), file_, seconds));
+    STGS_TRY(check_finite(frames[0].colour, moment_name(file_, seconds)));
     job.picture = std::move(frames[0].colour);
     for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
     return {};

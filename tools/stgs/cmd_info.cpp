@@ -110,6 +110,7 @@ class Info final : public Command {
             "bytes by segment and by attribute, duration, bounds and the start camera.",
             "  stgs info scene.stgs\n  stgs info scene.stgs --format json"};
   }
+  Shared shared() const override { return {}; }
   void declare(CLI::App& app) override {
     app.add_option("FILE", path_, "The .stgs file")->required();
   }

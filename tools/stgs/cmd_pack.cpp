@@ -17,6 +17,7 @@ class Pack final : public Command {
             "  stgs pack trained.stgs -o scene.stgs\n"
             "  stgs pack trained.stgs -o small.stgs --quality 60"};
   }
+  Shared shared() const override { return {.progress = true, .threads = true}; }
   void declare(CLI::App& app) override {
     app.add_option("SCENE", input_, "A lossless .stgs file")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
@@ -26,18 +27,19 @@ class Pack final : public Command {
     STGS_TRY(check_can_write(output_));
     encoder::PackReport report;
     const double begin = now_seconds();
-    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report));
+    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report, session.progress_sink()));
     Json json = {{"input", input_}, {"output", output_}, {"seconds", now_seconds() - begin}};
     json.update(to_json(report));
     json["peak_memory"] = peak_memory();
     return session.emit(
-        json, fmt::format(
-                  "{}: {} primitives, {} to {}, {:.1f} bytes a primitive\n"
-                  "errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} "
-                  "at most\n",
-                  output_, report.primitives, human_bytes(report.bytes_in),
-                  human_bytes(report.bytes_out), report.bytes_per_primitive, report.position_max,
-                  report.position_rms, report.colour_rms, report.opacity_max));
+        json,
+        fmt::format(
+            "{}: {} primitives ({} never visible left out), {} to {}, {:.1f} bytes a primitive\n"
+            "errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} "
+            "at most\n",
+            output_, report.primitives, report.dropped, human_bytes(report.bytes_in),
+            human_bytes(report.bytes_out), report.bytes_per_primitive, report.position_max,
+            report.position_rms, report.colour_rms, report.opacity_max));
   }
 
  private:

@@ -18,6 +18,9 @@ class Prepare final : public Command {
             "  stgs prepare capture/ -o prepared/\n"
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }
+  Shared shared() const override {
+    return {.progress = true, .log_level = true, .threads = true, .seed = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
     app.add_option("-o,--output", output_, "Folder to make")->required();

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 
 #include "camera_file.h"
 #include "command.h"
@@ -48,6 +49,9 @@ class Render final : public Command {
         "  stgs render scene.stgs --frames 0: --size 1280x720 -o - | ffplay -"};
   }
 
+  Shared shared() const override {
+    return {.progress = true, .log_level = true, .backend = "What draws", .threads = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("FILE", o_.file, "The .stgs file")->required();
     auto* camera = app.add_option("--camera", o_.camera, "Camera file (JSON); see below");
@@ -120,7 +124,8 @@ class Render final : public Command {
       STGS_ASSIGN(const encoder::Camera camera, read_camera(o_.camera));
       cameras = {camera};
     } else if (metadata.start_camera) {
-      cameras = {camera_of(*metadata.start_camera)};
+      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, o_.file));
+      cameras = {camera};
     } else {
       return usage_error("{}: has no start camera; give --camera or --cameras", o_.file);
     }
@@ -133,7 +138,12 @@ class Render final : public Command {
 
   Result<std::vector<Moment>> find_moments(const player::Timeline& timeline) const {
     const TimeBase base = timeline.metadata().time_base;
-    const int total = static_cast<int>(timeline.metadata().frames);
+    constexpr std::uint32_t kMostFrames = std::numeric_limits<int>::max();
+    const std::uint32_t total = timeline.metadata().frames;
+    if (total > kMostFrames) {
+      return unsupported("{}: has {} frames; more than {} cannot be drawn here", o_.file, total,
+                         kMostFrames);
+    }
     std::vector<Moment> moments;
     if (time_->count() > 0) {
       if (o_.time < 0 || o_.time > timeline.duration_seconds()) {
@@ -142,7 +152,7 @@ class Render final : public Command {
       }
       moments.push_back({o_.time, base.ticks(o_.time)});
     } else if (!o_.frames.empty()) {
-      STGS_ASSIGN(const FrameRange range, parse_frames(o_.frames, total));
+      STGS_ASSIGN(const FrameRange range, parse_frames(o_.frames, static_cast<int>(total)));
       for (int i = range.begin; i < range.end; ++i) moments.push_back({base.seconds(i), 1.0 * i});
     } else {
       return usage_error("say when: --time SECONDS or --frames FIRST:END");
@@ -163,7 +173,8 @@ class Render final : public Command {
               const Moment& moment, const player::View& view, PictureSink& sink, Totals& totals) {
     player::RenderStats stats;
     const double begin = now_seconds();
-    STGS_TRY(renderer.render(timeline, moment.seconds, {view}, frames_, &stats));
+    STGS_TRY(at_moment(renderer.render(timeline, moment.seconds, {view}, frames_, &stats), o_.file,
+                       moment.seconds));
     totals.draw += now_seconds() - begin;
     totals.stats.drawn += stats.drawn;
     totals.stats.fetch_ms += stats.fetch_ms;

@@ -21,6 +21,13 @@ class Train final : public Command {
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
   }
+  Shared shared() const override {
+    return {.progress = true,
+            .log_level = true,
+            .backend = "What trains",
+            .threads = true,
+            .seed = true};
+  }
   void declare(CLI::App& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
     app.add_option("-o,--output", output_, "The lossless .stgs file to make");
@@ -39,11 +46,12 @@ class Train final : public Command {
     Json json = {{"output", output_}};
     json.update(to_json(report));
     json["bytes"] = bytes;
+    json["peak_memory"] = report.peak_memory;
     return session.emit(
         json, fmt::format("{}: {} primitives, {}, {} steps in {:.1f} s, loss {:.5f}, peak memory "
                           "{}\n",
                           output_, report.primitives, human_bytes(bytes), report.iterations,
-                          report.seconds, report.final_loss, human_bytes(peak_memory())));
+                          report.seconds, report.final_loss, human_bytes(report.peak_memory)));
   }
 
  private:

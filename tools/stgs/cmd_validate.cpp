@@ -80,6 +80,7 @@ class Validate final : public Command {
             "read.",
             "  stgs validate scene.stgs other.stgs"};
   }
+  Shared shared() const override { return {.threads = true}; }
   void declare(CLI::App& app) override {
     app.add_option("FILE", paths_, "The .stgs files")->required();
   }

@@ -23,10 +23,18 @@ struct Help {
   const char* example;  // command lines that work
 };
 
+// The shared options that do something for a verb, beside --format, which every verb takes.
+struct Shared {
+  bool progress = false, log_level = false;
+  const char* backend = nullptr;  // what --backend chooses, for its help; null: not taken
+  bool threads = false, seed = false;
+};
+
 class Command {
  public:
   virtual ~Command() = default;
   virtual Help help() const = 0;
+  virtual Shared shared() const = 0;
   // Declares the verb's own options; they are filled by parsing.
   virtual void declare(CLI::App& app) = 0;
   // Does the work after parsing.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "exr.h"
 
+#include "picture.h"
+
 #ifdef STGS_HAS_EXR
 #include <ImathBox.h>
 #include <OpenEXR/ImfChannelList.h>
@@ -18,8 +20,6 @@ namespace stgs::tools {
 
 #ifdef STGS_HAS_EXR
 namespace {
-
-constexpr int kMaxSide = 32768;
 
 // The sRGB transfer function and its inverse (IEC 61966-2-1), continued above 1.
 float linear_of(float v) {
@@ -76,9 +76,7 @@ Result<Image> read_exr_file(const std::string& path) {
     Imf::InputFile file(path.c_str());
     const Imath::Box2i window = file.header().dataWindow();
     const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
-    if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) {
-      return invalid_file("{}: {}x{} pixels is no size for a picture", path, width, height);
-    }
+    STGS_TRY(check_picture_size(width, height, path));
     for (const char* name : {"R", "G", "B"}) {
       const Imf::Channel* channel = file.header().channels().findChannel(name);
       if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {

@@ -80,6 +80,17 @@ Ssim channel_sums(const float* a, const float* b, int width, int height) {
 
 }  // namespace
 
+Status check_finite(const Image& image, const std::string& name) {
+  const auto bad =
+      std::find_if(image.data.begin(), image.data.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == image.data.end()) return {};
+  const std::ptrdiff_t at = bad - image.data.begin();
+  const std::ptrdiff_t pixels = static_cast<std::ptrdiff_t>(image.width) * image.height;
+  return invalid_file("{}: channel {} of pixel ({}, {}) is {}: there is nothing to measure", name,
+                      "RGB"[at / pixels], at % pixels % image.width, at % pixels / image.width,
+                      *bad);
+}
+
 double mean_squared_error(const Image& a, const Image& b) {
   double sum = 0;
   for (std::size_t i = 0; i < a.data.size(); ++i) {
@@ -90,7 +101,9 @@ double mean_squared_error(const Image& a, const Image& b) {
 }
 
 double psnr_of(double mse) {
-  return mse <= 0 ? kPsnrMax : std::min(kPsnrMax, -10 * std::log10(mse));
+  if (mse <= 0) return kPsnrMax;
+  const double psnr = -10 * std::log10(mse);
+  return psnr > kPsnrMax ? kPsnrMax : psnr;  // in this order NaN stays NaN
 }
 
 double max_difference(const Image& a, const Image& b) {

@@ -2,6 +2,8 @@
 // How near a picture is to another. Pictures are planar RGB in [0,1] of the same size.
 #pragma once
 
+#include <string>
+
 #include "stgs/format/raster.h"
 #include "stgs/format/status.h"
 
@@ -9,9 +11,13 @@ namespace stgs::tools {
 
 inline constexpr double kPsnrMax = 100;  // dB, reported for identical pictures
 
+// Whether every value is a number: kInvalidFile with the first channel and pixel that is not.
+// `name` says which picture it is. The measures below want pictures that pass.
+Status check_finite(const Image& image, const std::string& name);
+
 // Mean squared error over all pixels and channels.
 double mean_squared_error(const Image& a, const Image& b);
-// -10 log10(mse) for a peak of 1, at most kPsnrMax.
+// -10 log10(mse) for a peak of 1, at most kPsnrMax; NaN for NaN.
 double psnr_of(double mse);
 double max_difference(const Image& a, const Image& b);
 

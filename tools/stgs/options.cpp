@@ -9,8 +9,6 @@
 namespace stgs::tools {
 namespace {
 
-constexpr int kMaxSide = 32768;
-
 // The whole text as an integer.
 bool read_int(std::string_view text, int& value) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);

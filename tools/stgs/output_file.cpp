@@ -2,9 +2,11 @@
 #include "output_file.h"
 
 #include <fcntl.h>
+#include <signal.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <charconv>
 #include <cstdio>
 #include <filesystem>
 
@@ -29,13 +31,62 @@ Status check_parent(const std::string& path) {
   return {};
 }
 
+// The names that belong to a path are a process id between these two.
+struct NameParts {
+  std::string before, after;
+};
+NameParts temporary_parts(const fs::path& path) {
+  return {fmt::format(".{}.", path.stem().string()),
+          fmt::format(".tmp{}", path.extension().string())};
+}
+
+constexpr const char* kWork = ".work";
+
+// Whether `name` is before, a process id and after, and that process is no more. A process with
+// our own id is: we ask before we make the folder.
+bool is_stale(const std::string& name, const NameParts& parts) {
+  if (name.size() <= parts.before.size() + parts.after.size()) return false;
+  if (name.compare(0, parts.before.size(), parts.before) != 0) return false;
+  const std::size_t end = name.size() - parts.after.size();
+  if (name.compare(end, std::string::npos, parts.after) != 0) return false;
+  pid_t pid = 0;
+  const char* last = name.data() + end;
+  const auto read = std::from_chars(name.data() + parts.before.size(), last, pid);
+  if (read.ec != std::errc() || read.ptr != last || pid <= 0) return false;
+  return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
+}
+
 }  // namespace
 
 std::string temporary_name(const std::string& path) {
   const fs::path whole(path);
-  const std::string name =
-      fmt::format(".{}.{}.tmp{}", whole.stem().string(), ::getpid(), whole.extension().string());
+  const NameParts parts = temporary_parts(whole);
+  const std::string name = fmt::format("{}{}{}", parts.before, ::getpid(), parts.after);
   return (whole.parent_path() / name).string();
+}
+
+std::string work_name(const std::string& path) {
+  return temporary_name(path) + kWork;
+}
+
+std::vector<std::string> remove_stale_work(const std::string& path) {
+  const fs::path whole(path);
+  NameParts parts = temporary_parts(whole);
+  parts.after += kWork;
+  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
+  std::vector<fs::path> stale;
+  std::error_code error;
+  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
+    std::error_code ignored;  // what cannot be looked at is not ours to remove
+    const bool folder = it->symlink_status(ignored).type() == fs::file_type::directory;
+    if (folder && is_stale(it->path().filename().string(), parts)) stale.push_back(it->path());
+  }
+  std::vector<std::string> removed;
+  for (const fs::path& folder : stale) {
+    fs::remove_all(folder, error);
+    if (!error) removed.push_back(folder.lexically_normal().string());
+  }
+  return removed;
 }
 
 Status check_can_write(const std::string& path) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "stgs/format/status.h"
 
@@ -12,6 +13,12 @@ namespace stgs::tools {
 
 // The temporary name that belongs to `path`, in the same folder, with the same ending.
 std::string temporary_name(const std::string& path);
+
+// The temporary folder that belongs to `path`, for this process.
+std::string work_name(const std::string& path);
+// Removes the folders that work_name gave to processes that have ended without removing them, on
+// this machine, and returns their names. A folder that cannot be removed stays.
+std::vector<std::string> remove_stale_work(const std::string& path);
 
 // Whether a file can be made at `path`: its folder exists and takes files, and nothing but a
 // regular file is in the way. Asked before long work, so that hours are not lost at the end.

@@ -28,6 +28,7 @@ encoder::PackSettings PackOptions::settings() const {
 
 Json to_json(const encoder::PackReport& report) {
   return {{"primitives", report.primitives},
+          {"dropped", report.dropped},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
           {"bytes_per_primitive", report.bytes_per_primitive},

@@ -27,34 +27,45 @@ struct Verb {
   CLI::App* app = nullptr;
 };
 
-void declare_common(CLI::App& app, CommonOptions& options) {
+void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
   const char* group = "Common options";
   app.add_option("--format", options.format, "Results as text or json")
       ->check(CLI::IsMember({"text", "json"}))
       ->capture_default_str()
       ->group(group);
-  app.add_option("--progress", options.progress,
-                 "On standard error: auto (a bar on a terminal), bar, json (a line a step), none")
-      ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--log-level", options.log_level, "error, warning, info or debug")
-      ->check(CLI::IsMember({"error", "warning", "info", "debug"}))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--backend", options.backend, "What draws: auto, cpu, cuda or vulkan")
-      ->check(CLI::IsMember({"auto", "cpu", "cuda", "vulkan"}))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--threads", options.threads,
-                 "Threads at most; 0: all. Results do not depend on it")
-      ->check(number_between(0, 4096))
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--seed", options.seed, "Seed of whatever is random")
-      ->check(check_whole_number)
-      ->capture_default_str()
-      ->group(group);
+  if (shared.progress) {
+    app.add_option("--progress", options.progress,
+                   "On standard error: auto (a bar on a terminal), bar, json (a line a step), none")
+        ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
+        ->capture_default_str()
+        ->group(group);
+  }
+  if (shared.log_level) {
+    app.add_option("--log-level", options.log_level, "error, warning, info or debug")
+        ->check(CLI::IsMember({"error", "warning", "info", "debug"}))
+        ->capture_default_str()
+        ->group(group);
+  }
+  if (shared.backend != nullptr) {
+    app.add_option("--backend", options.backend,
+                   fmt::format("{}: auto, cpu, cuda or vulkan", shared.backend))
+        ->check(CLI::IsMember({"auto", "cpu", "cuda", "vulkan"}))
+        ->capture_default_str()
+        ->group(group);
+  }
+  if (shared.threads) {
+    app.add_option("--threads", options.threads,
+                   "Threads at most; 0: all. Results do not depend on it")
+        ->check(number_between(0, 4096))
+        ->capture_default_str()
+        ->group(group);
+  }
+  if (shared.seed) {
+    app.add_option("--seed", options.seed, "Seed of whatever is random")
+        ->check(check_whole_number)
+        ->capture_default_str()
+        ->group(group);
+  }
 }
 
 std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
@@ -64,7 +75,7 @@ std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
     CLI::App* verb = app.add_subcommand(help.name, help.summary);
     verb->footer(fmt::format("{}\n\nExample:\n{}\n\n{}", help.text, help.example, kExitCodes));
     command->declare(*verb);
-    declare_common(*verb, options);
+    declare_shared(*verb, command->shared(), options);
     verbs.push_back({std::move(command), verb});
   }
   return verbs;

@@ -43,6 +43,10 @@ int level_of(const std::string& name) {
 
 }  // namespace
 
+std::string json_text(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
 Status Session::start() {
   if (options.threads > 0) {
     thread_limit_ = std::make_shared<tbb::global_control>(
@@ -52,7 +56,7 @@ Status Session::start() {
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {
-  const std::string out = this->json() ? json.dump(1) + "\n" : text;
+  const std::string out = this->json() ? json_text(json, 1) + "\n" : text;
   errno = 0;
   const bool written = std::fwrite(out.data(), 1, out.size(), stdout) == out.size();
   if (!written || std::fflush(stdout) != 0) {
@@ -62,7 +66,7 @@ Status Session::emit(const Json& json, const std::string& text) const {
 }
 
 void Session::emit_aside(const Json& json, const std::string& text) const {
-  const std::string out = this->json() ? json.dump(1) + "\n" : text;
+  const std::string out = this->json() ? json_text(json, 1) + "\n" : text;
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
 
@@ -110,7 +114,7 @@ void Session::show(const encoder::Progress& progress) {
     Json line = {{"stage", progress.stage}, {"done", std::clamp(progress.done, 0.0, 1.0)}};
     if (progress.eta_seconds >= 0) line["eta_seconds"] = progress.eta_seconds;
     if (!progress.detail.empty()) line["detail"] = progress.detail;
-    out = line.dump() + "\n";
+    out = json_text(line) + "\n";
   } else {
     const int filled = static_cast<int>(std::clamp(progress.done, 0.0, 1.0) * kBarWidth + 0.5);
     out = fmt::format("\r\033[K{:<10} [{:#<{}}{:.<{}}] {:3.0f} %", progress.stage, "", filled, "",
@@ -156,6 +160,20 @@ std::string human_bytes(std::uint64_t bytes) {
     ++unit;
   }
   return unit == 0 ? fmt::format("{} B", bytes) : fmt::format("{:.3g} {}", value, kUnits[unit]);
+}
+
+std::string moment_name(const std::string& file, double seconds) {
+  return fmt::format("{} at {:.6g} s", file, seconds);
+}
+
+Status at_moment(const Status& status, const std::string& file, double seconds) {
+  if (status.ok()) return status;
+  const std::string& message = status.message();
+  if (message.rfind(fmt::format("{}: cannot draw {:.6g} s", file, seconds), 0) == 0) return status;
+  if (message.compare(0, file.size() + 1, file + ":") == 0) {
+    return {status.code(), fmt::format("{} (drawing {:.6g} s)", message, seconds)};
+  }
+  return {status.code(), fmt::format("{}: {}", moment_name(file, seconds), message)};
 }
 
 double now_seconds() {

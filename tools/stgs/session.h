@@ -14,6 +14,9 @@ namespace stgs::tools {
 
 using Json = nlohmann::ordered_json;
 
+// JSON as text. Bytes that are not UTF-8, as a file's name may hold, become U+FFFD.
+std::string json_text(const Json& json, int indent = -1);
+
 struct CommonOptions {
   std::string format = "text";     // text or json
   std::string progress = "auto";   // auto, bar, json or none
@@ -63,6 +66,10 @@ bool interrupted();
 std::uint64_t peak_memory();
 // 1234567 -> "1.2 MB"; decimal units.
 std::string human_bytes(std::uint64_t bytes);
+// "FILE at 1.5 s", for messages.
+std::string moment_name(const std::string& file, double seconds);
+// The status of drawing a file at a moment; an error's message then says which file and when.
+Status at_moment(const Status& status, const std::string& file, double seconds);
 // Seconds of the monotonic clock.
 double now_seconds();
 

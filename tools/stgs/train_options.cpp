@@ -42,6 +42,9 @@ void TrainOptions::declare(CLI::App& app) {
 }
 
 Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common) const {
+  if (common.backend != "auto" && common.backend != "cpu") {
+    return not_built("backend '{}' cannot train in this build; use --backend cpu", common.backend);
+  }
   encoder::TrainSettings settings;
   settings.preset = preset_;
   settings.iterations = iterations_;
@@ -78,8 +81,7 @@ Json to_json(const encoder::TrainReport& report) {
   return {{"iterations", report.iterations},
           {"seconds", report.seconds},
           {"primitives", report.primitives},
-          {"final_loss", report.final_loss},
-          {"peak_memory", peak_memory()}};
+          {"final_loss", report.final_loss}};
 }
 
 Status train_to_file(const std::string& folder, const std::string& output,

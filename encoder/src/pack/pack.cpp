@@ -40,18 +40,28 @@ void measure(const Gaussians4D& original, const Gaussians4D& decoded,
 }  // namespace
 
 Status pack(const std::string& scene_path, const std::string& output_path,
-            const PackSettings& settings, PackReport* report) {
+            const PackSettings& settings, PackReport* report, const ProgressSink& progress) {
+  const auto go_on = [&](double done, const char* detail) -> Status {
+    if (!progress || progress({"pack", done, -1, detail})) return {};
+    return runtime_error("{}: stopped while packing, nothing is written", output_path);
+  };
+  STGS_TRY(go_on(0, "reading"));
   STGS_ASSIGN(const std::unique_ptr<ByteSource> input, open_file(scene_path));
   STGS_ASSIGN(const Scene scene, read_scene(scene_path));
+  STGS_TRY(go_on(0.1, "compressing"));
   WriteSettings write;
   write.profile = Profile::kQuantised;
   write.quality = settings.quality;
   write.chunk_seconds = settings.chunk_seconds;
   std::vector<std::uint32_t> order;
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode_scene(scene, write, &order));
+  STGS_TRY(go_on(0.8, "checking"));
   // Decoded before it is published: a file that pack leaves behind has been read once.
   STGS_ASSIGN(const Scene decoded, read_scene(memory_source(bytes, output_path)));
+  STGS_TRY(go_on(0.95, "writing"));
   STGS_TRY(write_file_atomically(output_path, bytes));
+  // Too late to stop.
+  if (progress) progress({"pack", 1, -1, "written"});
   if (report == nullptr) return {};
   *report = {};
   report->primitives = order.size();

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <exception>
+#include <new>
 #include <utility>
 
 namespace stgs::player {
@@ -50,6 +51,8 @@ class CpuRenderer final : public Renderer {
     try {
       frames.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames[i], sums);
+    } catch (const std::bad_alloc&) {
+      return runtime_error("{}: cannot draw {} s: not enough memory", timeline.name(), seconds);
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }

@@ -4,6 +4,7 @@
 
 #include <string>
 
+#include "stgs/encoder/progress.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
@@ -26,8 +27,8 @@ struct PackReport {
 };
 
 // Reads a scene, writes it quantised (atomically), decodes the result and reports its errors;
-// `report` may be null.
+// `report` may be null. Stage "pack"; where `progress` says to stop, nothing is written (kRuntime).
 Status pack(const std::string& scene_path, const std::string& output_path,
-            const PackSettings& settings, PackReport* report);
+            const PackSettings& settings, PackReport* report, const ProgressSink& progress = {});
 
 }  // namespace stgs::encoder
