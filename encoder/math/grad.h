@@ -221,26 +221,22 @@ STGS_FN Vec3 sh_basis_grad(Vec3 d, ShBasis g) {
   float xx = x * x;
   float yy = y * y;
   float zz = z * z;
-  float k1 = 0.4886025119029199f;
-  float k2 = 1.0925484305920792f;
-  float k20 = 0.31539156525252005f;
-  float k33 = 0.5900435899266435f;
-  float k32 = 2.890611442640554f;
-  float k31 = 0.4570457994644658f;
-  float k30 = 0.3731763325901154f;
   float r31 = 4.0f * zz - xx - yy;
   Vec3 s;
-  s.x = -k1 * g.v[3] + k2 * (y * g.v[4] - z * g.v[7] + x * g.v[8]) - 2.0f * k20 * x * g.v[6] -
-        6.0f * k33 * x * y * g.v[9] + k32 * (y * z * g.v[10] + x * z * g.v[14]) +
-        k31 * (2.0f * x * y * g.v[11] + (2.0f * xx - r31) * g.v[13]) -
-        6.0f * k30 * x * z * g.v[12] - 3.0f * k33 * (xx - yy) * g.v[15];
-  s.y = -k1 * g.v[1] + k2 * (x * g.v[4] - z * g.v[5] - y * g.v[8]) - 2.0f * k20 * y * g.v[6] -
-        3.0f * k33 * (xx - yy) * g.v[9] + k32 * (x * z * g.v[10] - y * z * g.v[14]) +
-        k31 * ((2.0f * yy - r31) * g.v[11] + 2.0f * x * y * g.v[13]) -
-        6.0f * k30 * y * z * g.v[12] + 6.0f * k33 * x * y * g.v[15];
-  s.z = k1 * g.v[2] - k2 * (y * g.v[5] + x * g.v[7]) + 4.0f * k20 * z * g.v[6] +
-        k32 * (x * y * g.v[10] + 0.5f * (xx - yy) * g.v[14]) -
-        8.0f * k31 * z * (y * g.v[11] + x * g.v[13]) + 3.0f * k30 * (2.0f * zz - xx - yy) * g.v[12];
+  s.x = -kSh1 * g.v[3] + kSh21 * (y * g.v[4] - z * g.v[7] + x * g.v[8]) -
+        2.0f * kSh20 * x * g.v[6] - 6.0f * kSh33 * x * y * g.v[9] +
+        kSh32 * (y * z * g.v[10] + x * z * g.v[14]) +
+        kSh31 * (2.0f * x * y * g.v[11] + (2.0f * xx - r31) * g.v[13]) -
+        6.0f * kSh30 * x * z * g.v[12] - 3.0f * kSh33 * (xx - yy) * g.v[15];
+  s.y = -kSh1 * g.v[1] + kSh21 * (x * g.v[4] - z * g.v[5] - y * g.v[8]) -
+        2.0f * kSh20 * y * g.v[6] - 3.0f * kSh33 * (xx - yy) * g.v[9] +
+        kSh32 * (x * z * g.v[10] - y * z * g.v[14]) +
+        kSh31 * ((2.0f * yy - r31) * g.v[11] + 2.0f * x * y * g.v[13]) -
+        6.0f * kSh30 * y * z * g.v[12] + 6.0f * kSh33 * x * y * g.v[15];
+  s.z = kSh1 * g.v[2] - kSh21 * (y * g.v[5] + x * g.v[7]) + 4.0f * kSh20 * z * g.v[6] +
+        kSh32 * (x * y * g.v[10] + 0.5f * (xx - yy) * g.v[14]) -
+        8.0f * kSh31 * z * (y * g.v[11] + x * g.v[13]) +
+        3.0f * kSh30 * (2.0f * zz - xx - yy) * g.v[12];
   return s;
 }
 

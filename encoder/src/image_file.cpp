@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "image_file.h"
+#include "stgs/encoder/image_file.h"
 
 #include <memory>
 
 #include "stgs/format/byte_source.h"
+#include "stgs/format/camera.h"
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wall"
@@ -20,26 +21,59 @@
 
 namespace stgs::encoder {
 
-Result<Image8> read_image8(const std::string& path, int channels) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  constexpr std::uint64_t kLargestPicture = std::uint64_t{1} << 30;
-  if (source->size() > kLargestPicture)
-    return invalid_file("{}: larger than a picture can be", path);
-  std::vector<std::uint8_t> bytes(source->size());
-  STGS_TRY(source->read(0, bytes));
+namespace {
+
+constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // and so an int, as stb wants it
+
+Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
+                      const std::string& path) {
+  const int size = static_cast<int>(bytes.size());
   Image8 image;
-  int channels_in_file = 0;
-  std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
-      stbi_load_from_memory(bytes.data(), static_cast<int>(bytes.size()), &image.width,
-                            &image.height, &channels_in_file, channels),
+  if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
+      0) {
+    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
+  }
+  STGS_TRY(check_picture_size(image.width, image.height, path));
+  const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
+      stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
+                            channels),
       &stbi_image_free);
   if (!pixels) {
-    return invalid_file("{}: cannot decode the picture: {}", path, stbi_failure_reason());
+    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
   }
   image.channels = channels;
   image.data.assign(pixels.get(),
                     pixels.get() + std::size_t{1} * image.width * image.height * channels);
   return image;
+}
+
+}  // namespace
+
+Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path) {
+  if (width < 1 || height < 1 || width > kMaxPictureSide || height > kMaxPictureSide) {
+    return invalid_file("{}: {}x{} pixels is no size for a picture; a side has 1 to {}", path,
+                        width, height, kMaxPictureSide);
+  }
+  if (width * height > kMaxPicturePixels) {
+    return unsupported("{}: {}x{} is too large a picture; at most {} pixels are read", path, width,
+                       height, kMaxPicturePixels);
+  }
+  return {};
+}
+
+Result<Image8> read_image8(const std::string& path, int channels) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  if (source->size() > kMaxFileBytes) {
+    return unsupported("{}: {} bytes is too large for a picture; at most {} are read", path,
+                       source->size(), kMaxFileBytes);
+  }
+  try {
+    std::vector<std::uint8_t> bytes(source->size());
+    STGS_TRY(source->read(0, bytes));
+    return decode(bytes, channels, path);
+  } catch (const std::bad_alloc&) {
+    return runtime_error("{}: not enough memory to read this picture", path);
+  }
 }
 
 }  // namespace stgs::encoder

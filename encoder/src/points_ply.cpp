@@ -11,6 +11,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
 namespace {

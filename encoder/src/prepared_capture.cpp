@@ -7,8 +7,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "image_file.h"
-#include "stgs/format/byte_source.h"
+#include "stgs/encoder/camera_json.h"
+#include "stgs/encoder/image_file.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
 namespace {
@@ -17,41 +18,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kCaptureVersion = 1;
 
-Camera camera_from_json(const Json& json) {
-  Camera camera;
-  camera.name = json.at("name").get<std::string>();
-  camera.width = json.at("width").get<int>();
-  camera.height = json.at("height").get<int>();
-  camera.fx = json.at("fx").get<double>();
-  camera.fy = json.at("fy").get<double>();
-  camera.cx = json.at("cx").get<double>();
-  camera.cy = json.at("cy").get<double>();
-  camera.test = json.at("test").get<bool>();
-  const auto rotation = json.at("rotation").get<std::vector<double>>();
-  const auto translation = json.at("translation").get<std::vector<double>>();
-  if (rotation.size() != 9 || translation.size() != 3) {
-    throw std::runtime_error("camera '" + camera.name +
-                             "': rotation needs 9 numbers, translation 3");
-  }
-  std::copy(rotation.begin(), rotation.end(), camera.rotation);
-  std::copy(translation.begin(), translation.end(), camera.translation);
-  return camera;
-}
-
-Json camera_to_json(const Camera& camera) {
-  return {{"name", camera.name},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"fx", camera.fx},
-          {"fy", camera.fy},
-          {"cx", camera.cx},
-          {"cy", camera.cy},
-          {"rotation", std::vector<double>(camera.rotation, camera.rotation + 9)},
-          {"translation", std::vector<double>(camera.translation, camera.translation + 3)},
-          {"test", camera.test}};
-}
-
-PreparedCapture capture_from_json(const Json& json, const std::string& folder) {
+Result<PreparedCapture> capture_from_json(const Json& json, const std::string& folder,
+                                          const std::string& path) {
   PreparedCapture capture;
   capture.folder = folder;
   capture.first_frame = json.at("first_frame").get<int>();
@@ -65,7 +33,9 @@ PreparedCapture capture_from_json(const Json& json, const std::string& folder) {
   capture.extent = json.at("extent").get<float>();
   capture.scene_radius = json.at("scene_radius").get<double>();
   for (int i = 0; i < 3; ++i) capture.scene_centre[i] = json.at("scene_centre").at(i).get<double>();
-  for (const Json& camera : json.at("cameras")) capture.cameras.push_back(camera_from_json(camera));
+  for (const Json& entry : json.at("cameras")) {
+    STGS_ASSIGN(capture.cameras.emplace_back(), camera_from_json(entry, path));
+  }
   return capture;
 }
 
@@ -78,38 +48,11 @@ bool positive(double value) {
   return finite(value) && static_cast<float>(value) > 0;
 }
 
-bool is_rotation(const double* r) {
-  constexpr double kTolerance = 1e-3;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = i; j < 3; ++j) {
-      const double dot =
-          r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
-      if (!(std::abs(dot - (i == j ? 1 : 0)) < kTolerance)) return false;
-    }
-  }
-  const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) -
-                             r[1] * (r[3] * r[8] - r[5] * r[6]) +
-                             r[2] * (r[3] * r[7] - r[4] * r[6]);
-  return determinant > 0;
-}
-
-Status check_camera(const Camera& camera, const std::string& path) {
-  const bool sane = camera.width > 0 && camera.height > 0 && camera.width <= 32768 &&
-                    camera.height <= 32768 && positive(camera.fx) && positive(camera.fy) &&
-                    finite(camera.cx) && finite(camera.cy);
-  if (!sane) {
-    return invalid_file("{}: camera '{}' has no sane size, focal length or centre", path,
-                        camera.name);
-  }
-  if (!is_rotation(camera.rotation) ||
-      !std::all_of(camera.translation, camera.translation + 3, finite)) {
-    return invalid_file("{}: the pose of camera '{}' is not a rotation and a translation", path,
-                        camera.name);
-  }
+Status check_capture_camera(const Camera& camera, const std::string& path) {
   const bool outside = camera.name.empty() || camera.name.find("..") != std::string::npos ||
                        camera.name.find('/') != std::string::npos;
   if (outside) return invalid_file("{}: '{}' cannot be a camera's folder", path, camera.name);
-  return {};
+  return check_camera(camera, path);
 }
 
 Status check(const PreparedCapture& capture, const std::string& path) {
@@ -126,7 +69,7 @@ Status check(const PreparedCapture& capture, const std::string& path) {
         "finite",
         path, capture.near_plane, capture.extent, capture.scene_radius);
   }
-  for (const Camera& camera : capture.cameras) STGS_TRY(check_camera(camera, path));
+  for (const Camera& camera : capture.cameras) STGS_TRY(check_capture_camera(camera, path));
   return {};
 }
 
@@ -171,7 +114,7 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
       return unsupported("{}: capture version {} is not known; prepare the capture again", path,
                          json.at("stgs_capture").get<int>());
     }
-    PreparedCapture capture = capture_from_json(json, folder);
+    STGS_ASSIGN(PreparedCapture capture, capture_from_json(json, folder, path));
     STGS_TRY(check(capture, path));
     return capture;
   } catch (const std::exception& error) {

@@ -7,9 +7,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
-#include <cstring>
-#include <filesystem>
 
 namespace stgs {
 namespace {
@@ -38,7 +35,7 @@ class FileSource final : public ByteSource {
       const ssize_t got =
           ::pread(fd_, out.data() + done, out.size() - done, static_cast<off_t>(offset + done));
       if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return io_error("{}: cannot read: {}", name_, std::strerror(errno));
+      if (got < 0) return io_error("{}: cannot read: {}", name_, system_message(errno));
       if (got == 0) return past_the_end(name_, offset, out.size(), offset + done);
       done += static_cast<std::size_t>(got);
     }
@@ -72,37 +69,11 @@ class MemorySource final : public ByteSource {
   std::string name_;
 };
 
-Status write_all(int fd, std::span<const std::uint8_t> bytes, const std::string& path) {
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t wrote = ::write(fd, bytes.data() + done, bytes.size() - done);
-    if (wrote < 0 && errno == EINTR) continue;
-    if (wrote < 0) return io_error("{}: cannot write: {}", path, std::strerror(errno));
-    done += static_cast<std::size_t>(wrote);
-  }
-  if (::fsync(fd) != 0 && errno != EINVAL && errno != EROFS) {
-    return io_error("{}: cannot write: {}", path, std::strerror(errno));
-  }
-  return {};
-}
-
-// Writes to `path` as it stands, created or truncated.
-Status write_to(const std::string& path, std::span<const std::uint8_t> bytes,
-                const std::string& shown) {
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd < 0) return io_error("{}: cannot create: {}", shown, std::strerror(errno));
-  Status status = write_all(fd, bytes, shown);
-  if (::close(fd) != 0 && status.ok()) {
-    status = io_error("{}: cannot write: {}", shown, std::strerror(errno));
-  }
-  return status;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return io_error("{}: cannot open: {}", path, std::strerror(errno));
+  if (fd < 0) return io_error("{}: cannot open: {}", path, system_message(errno));
   struct stat info {};
   if (::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
     ::close(fd);
@@ -114,22 +85,6 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
 
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes, std::string name) {
   return std::make_unique<MemorySource>(std::move(bytes), std::move(name));
-}
-
-Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
-  struct stat info {};
-  if (::stat(path.c_str(), &info) == 0) {
-    if (S_ISDIR(info.st_mode)) return io_error("{}: is a folder, not a file", path);
-    // A device or a pipe takes the bytes itself: a rename would put a file in its place.
-    if (!S_ISREG(info.st_mode)) return write_to(path, bytes, path);
-  }
-  const std::string temporary = fmt::format("{}.{}.tmp", path, ::getpid());
-  Status status = write_to(temporary, bytes, path);
-  if (status.ok() && std::rename(temporary.c_str(), path.c_str()) != 0) {
-    status = io_error("{}: cannot replace: {}", path, std::strerror(errno));
-  }
-  if (!status.ok()) ::unlink(temporary.c_str());
-  return status;
 }
 
 }  // namespace stgs

@@ -4,6 +4,8 @@
 
 #include "bytes.h"
 #include "container.h"
+#include "stgs/format/camera.h"
+#include "stgs/format/text.h"
 
 namespace stgs {
 namespace {
@@ -11,53 +13,17 @@ namespace {
 using N = IssueNumber;
 
 constexpr int kMaxLevel = 30;
-constexpr std::uint32_t kMaxSide = 32768;    // pixels of a start camera, spec 4.3
-constexpr double kRotationTolerance = 1e-3;  // spec 4.3
-
-bool is_utf8(std::string_view text) {
-  for (std::size_t i = 0; i < text.size();) {
-    const auto lead = static_cast<unsigned char>(text[i]);
-    const std::size_t length = lead < 0x80             ? 1
-                               : (lead & 0xE0) == 0xC0 ? 2
-                               : (lead & 0xF0) == 0xE0 ? 3
-                               : (lead & 0xF8) == 0xF0 ? 4
-                                                       : 0;
-    if (length == 0 || i + length > text.size()) return false;
-    for (std::size_t j = 1; j < length; ++j) {
-      if ((static_cast<unsigned char>(text[i + j]) & 0xC0) != 0x80) return false;
-    }
-    i += length;
-  }
-  return true;
-}
 
 bool all_finite(std::span<const float> values) {
   return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
 }
 
-// Rows of unit length at right angles, and no mirror.
-bool is_rotation(const float (&r)[9]) {
-  const auto dot = [&r](int a, int b) {
-    double sum = 0.0;
-    for (int c = 0; c < 3; ++c) sum += static_cast<double>(r[3 * a + c]) * r[3 * b + c];
-    return sum;
-  };
-  for (int a = 0; a < 3; ++a) {
-    for (int b = a; b < 3; ++b) {
-      if (!(std::abs(dot(a, b) - (a == b ? 1.0 : 0.0)) <= kRotationTolerance)) return false;
-    }
-  }
-  return r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
-             r[2] * (r[3] * r[7] - r[4] * r[6]) >
-         0.0f;
-}
-
 void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
-  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxSide; };
+  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxPictureSide; };
   if (!side(camera.width) || !side(camera.height)) {
     findings.error(N::kMetadataValue, offset,
                    "metadata: a start camera of {}x{} pixels; each side is 1 to {}", camera.width,
-                   camera.height, kMaxSide);
+                   camera.height, kMaxPictureSide);
   }
   const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
   if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||

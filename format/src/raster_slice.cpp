@@ -8,27 +8,19 @@
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
-#include "stgs/format/math/sh.h"
-#include "stgs/format/raster.h"
+#include "stgs/format/raster_view.h"
 
 namespace stgs {
 namespace {
 
 using namespace math;
+using raster::read3;
+using raster::View;
 
 // Primitives a block: the unit of parallel work, and of the order in which results are joined.
 constexpr std::size_t kBlock = 1024;
 // ln(1/threshold) and twice it, rounded up: the farthest that anything is drawn, in time and space.
 constexpr float kReachMax = 5.55f;
-
-// What stays the same for all primitives of a call.
-struct View {
-  PinholeCamera camera;
-  Vec3 centre;
-  float t;
-  int coefficients;  // evaluated
-  int stride;        // floats a primitive in set.sh
-};
 
 // False where the distance or a sum of the harmonics is not finite (representation 4.6).
 bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
@@ -71,9 +63,7 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
   const float sigma = set.sigma[i], radius = set.radius[i];
   const float beyond = std::abs(dt) - radius;
   if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
-  const float* x = &set.position[3 * i];
-  const float* u = &set.velocity[3 * i];
-  const Vec3 position = position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]}, dt);
+  const Vec3 position = position_at(read3(set.position, i), read3(set.velocity, i), dt);
   const Vec3 c = to_camera(view.camera, position);
   if (!(c.z >= view.camera.near_plane)) return false;
   const float* log_scale = &set.log_scale[3 * i];
@@ -113,9 +103,7 @@ template <typename Index>
 void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, float t,
                    const PinholeCamera& camera, const RasterSettings& settings,
                    std::uint32_t id_base, SplatFrame& frame) {
-  const View view{camera, camera_centre(camera), t,
-                  sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
-                  3 * set.sh_coefficients()};
+  const View view = raster::view_of(set, t, camera, settings);
   const std::size_t blocks = (count + kBlock - 1) / kBlock;
   auto& found = frame.scratch.slice_blocks;
   if (found.size() < blocks) found.resize(blocks);

@@ -9,6 +9,7 @@
 #include "quantise.h"
 #include "segment.h"
 #include "segmenter.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs {
 namespace {

@@ -140,8 +140,14 @@ TEST_CASE("what cannot be written is refused by name and number") {
   bad.metadata.background[2] = NAN;
   CHECK(message(bad) == "metadata: background, bounds or near plane is not a finite number >= 0");
   bad = good;
-  bad.metadata.title = "caf\xE9";
-  CHECK(message(bad) == "metadata: generator or title is not UTF-8");
+  // Latin-1, an overlong slash, a surrogate, past the last code point, cut off.
+  for (const char* text : {"caf\xE9", "\xC0\xAF", "\xED\xA0\x80", "\xF4\x90\x80\x80", "\xE2\x82"}) {
+    bad.metadata.title = text;
+    CHECK(message(bad) == "metadata: generator or title is not UTF-8");
+  }
+  bad = good;
+  bad.metadata.title = "caf\xC3\xA9 \xE2\x82\xAC \xF0\x9F\x8E\xA5";
+  CHECK(encode_scene(bad, {}).ok());
   StartCamera camera;
   camera.width = 640;
   camera.height = 480;

@@ -12,6 +12,7 @@
 #include "container.h"
 #include "picture.h"
 #include "stgs/encoder/prepared_capture.h"
+#include "stgs/format/output_file.h"
 #include "stgs/format/raster.h"
 
 namespace stgs {

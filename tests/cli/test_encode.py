@@ -199,10 +199,10 @@ class Encoding(CliTest):
         self.assertEqual(self.read("out.stgs"), b"old")
         left = [name for name in os.listdir(self.work) if name != "out.stgs"]
         self.assertEqual(len(left), 1)
-        self.assertRegex(left[0], r"^\.out\.\d+\.tmp\.stgs\.work$")
+        self.assertRegex(left[0], r"^\.out\.stgs\.\d+\.tmp\.work$")
         # What looks alike and is not: of a process that lives, of another output, of no process.
-        kept = [f".out.{os.getpid()}.tmp.stgs.work", left[0].replace("out", "in"),
-                ".out.x1.tmp.stgs.work"]
+        kept = [f".out.stgs.{os.getpid()}.tmp.work", left[0].replace("out", "in"),
+                ".out.stgs.x1.tmp.work"]
         for name in kept:
             os.mkdir(self.path(name))
         for stage in ("train", "pack"):

@@ -4,7 +4,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_file.h"
+#include "output_place.h"
 
 namespace stgs::tools {
 namespace {
@@ -19,13 +19,7 @@ class Encode final : public Command {
             "  stgs encode capture/ -o scene.stgs\n"
             "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/"};
   }
-  Shared shared() const override {
-    return {.progress = true,
-            .log_level = true,
-            .backend = "What trains",
-            .threads = true,
-            .seed = true};
-  }
+  Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
     app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();

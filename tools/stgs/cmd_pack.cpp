@@ -3,7 +3,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_file.h"
+#include "output_place.h"
 
 namespace stgs::tools {
 namespace {

@@ -4,7 +4,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_file.h"
+#include "output_place.h"
 
 namespace stgs::tools {
 namespace {
@@ -16,18 +16,13 @@ class Train final : public Command {
         "train", "Train a scene from a prepared capture",
         "Optimises the primitives against the training cameras and writes a lossless .stgs\n"
         "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
-        "for, is written, the scene is not. The same seed gives the same scene.",
+        "for, is written, the scene is not. The same seed gives the same scene on the same kind\n"
+        "of processor, without --max-seconds.",
         "  stgs train prepared/ -o scene.stgs --preset fast\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
   }
-  Shared shared() const override {
-    return {.progress = true,
-            .log_level = true,
-            .backend = "What trains",
-            .threads = true,
-            .seed = true};
-  }
+  Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
     app.add_option("-o,--output", output_, "The lossless .stgs file to make");

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "command.h"
 #include "session.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/prepare.h"
@@ -32,6 +33,14 @@ class PrepareOptions {
 
 class TrainOptions {
  public:
+  // What a verb that trains takes beside them.
+  static Shared shared() {
+    return {.progress = true,
+            .log_level = true,
+            .backend = "What trains",
+            .threads = true,
+            .seed = true};
+  }
   void declare(CLI::App& app);
   Result<encoder::TrainSettings> settings(const CommonOptions& common) const;
   const std::string& preset() const { return preset_; }

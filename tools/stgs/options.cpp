@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "stgs/format/camera.h"
+
 namespace stgs::tools {
 namespace {
 
@@ -46,7 +48,7 @@ Result<Size> parse_size(const std::string& text) {
   const bool read = cross != std::string::npos &&
                     read_int(std::string_view(text).substr(0, cross), size.width) &&
                     read_int(std::string_view(text).substr(cross + 1), size.height);
-  const auto side = [](int v) { return v >= 1 && v <= kMaxSide; };
+  const auto side = [](int v) { return v >= 1 && v <= kMaxPictureSide; };
   if (!read || !side(size.width) || !side(size.height)) {
     return usage_error("'{}' is not a size; write WIDTHxHEIGHT in pixels, such as 1280x720", text);
   }

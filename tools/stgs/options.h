@@ -10,8 +10,6 @@
 
 namespace stgs::tools {
 
-inline constexpr int kMaxSide = 32768;  // of a picture, pixels
-
 struct Size {
   int width = 0, height = 0;  // pixels
 };

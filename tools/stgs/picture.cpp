@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "picture.h"
 
-#include <stb/stb_image.h>
 #include <stb/stb_image_write.h>
 
 #include <algorithm>
@@ -11,13 +10,11 @@
 
 #include "exr.h"
 #include "options.h"
-#include "output_file.h"
-#include "stgs/format/byte_source.h"
+#include "output_place.h"
+#include "stgs/encoder/image_file.h"
 
 namespace stgs::tools {
 namespace {
-
-constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;
 
 // One channel of a picture at a point in pixels, bilinear, edges repeated.
 float sample(const encoder::Image8& picture, float x, float y, int channel) {
@@ -59,41 +56,7 @@ void append_bytes(void* context, void* data, int size) {
   bytes->insert(bytes->end(), from, from + size);
 }
 
-// PNG or JPEG. The stated size is looked at before anything is decoded.
-Result<Image> decode_picture(const std::vector<std::uint8_t>& bytes, const std::string& path) {
-  const int size = static_cast<int>(bytes.size());  // at most kMaxFileBytes
-  encoder::Image8 picture;
-  if (stbi_info_from_memory(bytes.data(), size, &picture.width, &picture.height,
-                            &picture.channels) == 0) {
-    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
-  }
-  STGS_TRY(check_picture_size(picture.width, picture.height, path));
-  const std::unique_ptr<stbi_uc, void (*)(void*)> pixels(
-      stbi_load_from_memory(bytes.data(), size, &picture.width, &picture.height, &picture.channels,
-                            3),
-      stbi_image_free);
-  if (pixels == nullptr) {
-    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
-  }
-  picture.channels = 3;
-  picture.data.assign(pixels.get(),
-                      pixels.get() + static_cast<std::size_t>(picture.width) * picture.height * 3);
-  return to_float(picture);
-}
-
 }  // namespace
-
-Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path) {
-  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) {
-    return invalid_file("{}: {}x{} pixels is no size for a picture; a side has 1 to {}", path,
-                        width, height, kMaxSide);
-  }
-  if (width * height > kMaxPicturePixels) {
-    return unsupported("{}: {}x{} is too large a picture; at most {} pixels are read", path, width,
-                       height, kMaxPicturePixels);
-  }
-  return {};
-}
 
 encoder::Image8 to_8bit(const Image& colour) {
   encoder::Image8 out;
@@ -146,10 +109,8 @@ Status write_png(const std::string& path, const encoder::Image8& picture) {
   const int written = stbi_write_png_to_func(append_bytes, &bytes, picture.width, picture.height, 3,
                                              picture.data.data(), picture.width * 3);
   if (written == 0) return runtime_error("{}: cannot encode as PNG: not enough memory", path);
-  OutputFile file;
-  STGS_TRY(file.open(path));
-  STGS_TRY(file.write(bytes));
-  return file.commit();
+  STGS_TRY(check_can_write(path));
+  return write_file_atomically(path, bytes);
 }
 
 Status write_exr(const std::string& path, const player::Frame& frame) {
@@ -163,18 +124,8 @@ Status write_exr(const std::string& path, const player::Frame& frame) {
 
 Result<Image> read_picture(const std::string& path) {
   if (extension_of(path) == ".exr") return read_exr_file(path);
-  STGS_ASSIGN(auto source, open_file(path));
-  if (source->size() > kMaxFileBytes) {
-    return unsupported("{}: {} bytes is too large for a picture; at most {} are read", path,
-                       source->size(), kMaxFileBytes);
-  }
-  try {
-    std::vector<std::uint8_t> bytes(source->size());
-    STGS_TRY(source->read(0, bytes));
-    return decode_picture(bytes, path);
-  } catch (const std::bad_alloc&) {
-    return runtime_error("{}: not enough memory to read this picture", path);
-  }
+  STGS_ASSIGN(const encoder::Image8 picture, encoder::read_image8(path, 3));
+  return to_float(picture);
 }
 
 bool is_picture_name(const std::string& path) {

@@ -27,12 +27,6 @@ Status write_png(const std::string& path, const encoder::Image8& picture);
 // 0 where there is nothing) as float. kNotBuilt without OpenEXR.
 Status write_exr(const std::string& path, const player::Frame& frame);
 
-// At most this many pixels are read from a picture.
-inline constexpr std::int64_t kMaxPicturePixels = std::int64_t{1} << 28;
-// Whether a picture's stated size is one to make room for: kInvalidFile where it is none,
-// kUnsupported above kMaxPicturePixels.
-Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path);
-
 // Reads PNG, JPEG or EXR (by its ending) to planar sRGB-encoded RGB.
 Result<Image> read_picture(const std::string& path);
 bool is_picture_name(const std::string& path);

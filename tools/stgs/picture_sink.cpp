@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "output_file.h"
+#include "output_place.h"
 
 namespace stgs::tools {
 namespace {

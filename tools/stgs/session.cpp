@@ -180,8 +180,4 @@ double now_seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-std::string system_message(int error) {
-  return error == 0 ? "unknown error" : std::generic_category().message(error);
-}
-
 }  // namespace stgs::tools

@@ -73,7 +73,4 @@ Status at_moment(const Status& status, const std::string& file, double seconds);
 // Seconds of the monotonic clock.
 double now_seconds();
 
-// For a renamed or removed file: "No such file or directory" and the like.
-std::string system_message(int error);
-
 }  // namespace stgs::tools

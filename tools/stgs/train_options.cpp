@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include "options.h"
-#include "output_file.h"
+#include "output_place.h"
 
 namespace stgs::tools {
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "output_file.h"
+#include "output_place.h"
 #include "video.h"
 
 namespace stgs::tools {
@@ -22,7 +24,7 @@ class Y4mWriter final : public VideoWriter {
 
   Status add(const encoder::Image8& picture) override {
     if (!begun_) {
-      STGS_TRY(file_.open(path_));
+      STGS_TRY(open());
       // C444 is 8-bit 4:4:4; a frame rate is the inverse of the time base.
       STGS_TRY(write_text(fmt::format("YUV4MPEG2 W{} H{} F{}:{} Ip A1:1 C444 XCOLORRANGE=LIMITED\n",
                                       picture.width, picture.height, time_base_.denominator,
@@ -47,6 +49,14 @@ class Y4mWriter final : public VideoWriter {
   Status finish() override { return file_.commit(); }
 
  private:
+  Status open() {
+    if (path_ == "-") {
+      file_.borrow(STDOUT_FILENO, "standard output");
+      return {};
+    }
+    STGS_TRY(check_can_write(path_));
+    return file_.open(path_);
+  }
   Status write_text(const std::string& text) {
     return file_.write({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   }

@@ -64,7 +64,7 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
     return not_built("{}: is not installed (apt-get install {}), and is needed here", arguments[0],
                      arguments[0]);
   }
-  if (wrong != 0) return runtime_error("{}: cannot run: {}", arguments[0], std::strerror(wrong));
+  if (wrong != 0) return runtime_error("{}: cannot run: {}", arguments[0], system_message(wrong));
   const std::string detail = arguments[0] + (arguments.size() > 1 ? " " + arguments[1] : "");
   bool cancelled = false;
   int result = 0;

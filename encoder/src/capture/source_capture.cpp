@@ -9,6 +9,7 @@
 #include <set>
 
 #include "capture_files.h"
+#include "stgs/format/text.h"
 
 namespace stgs::encoder {
 namespace {
@@ -104,15 +105,6 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
   }
   std::copy(rotation.val, rotation.val + 9, camera.rotation);
   return {};
-}
-
-// The prepared capture names its cameras in JSON.
-bool is_utf8(const std::string& text) {
-  try {
-    return !nlohmann::json(text).dump().empty();
-  } catch (const nlohmann::json::exception&) {
-    return false;
-  }
 }
 
 Status check(SourceCapture& capture) {

@@ -13,8 +13,8 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "capture_files.h"
-#include "image_file.h"
 #include "reporting.h"
+#include "stgs/encoder/image_file.h"
 
 namespace stgs::encoder {
 namespace {
@@ -48,11 +48,11 @@ class FirstError {
 // No sync: the folder counts only once it is renamed, and a lost one can be made again.
 Status write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
   std::FILE* file = std::fopen(path.c_str(), "wb");
-  if (file == nullptr) return io_error("{}: cannot create: {}", path, std::strerror(errno));
+  if (file == nullptr) return io_error("{}: cannot create: {}", path, system_message(errno));
   const bool wrote = std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
   const int wrong = errno;
   if (std::fclose(file) != 0 || !wrote) {
-    return io_error("{}: cannot write: {}", path, std::strerror(wrote ? errno : wrong));
+    return io_error("{}: cannot write: {}", path, system_message(wrote ? errno : wrong));
   }
   return {};
 }

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <opencv2/imgproc.hpp>
 
-#include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder::init {
 namespace {

@@ -7,7 +7,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder::init {
 namespace {

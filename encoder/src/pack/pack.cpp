@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/sh.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
 namespace {
-
-constexpr double kShDc = 0.28209479177387814;  // value of the degree-0 harmonic
 
 // Errors of `decoded`, whose primitive i was primitive order[i] of `original`.
 void measure(const Gaussians4D& original, const Gaussians4D& decoded,
@@ -21,8 +21,8 @@ void measure(const Gaussians4D& original, const Gaussians4D& decoded,
     double squared = 0.0;
     for (std::size_t c = 0; c < 3; ++c) {
       const double dx = decoded.position[3 * i + c] - double{original.position[3 * j + c]};
-      const double dc =
-          kShDc * (decoded.sh[i * sh_stride + c] - double{original.sh[j * sh_stride + c]});
+      const double dc = double{math::kSh00} *
+                        (decoded.sh[i * sh_stride + c] - double{original.sh[j * sh_stride + c]});
       squared += dx * dx;
       colour_sum += dc * dc;
     }

@@ -8,6 +8,7 @@
 #include <type_traits>
 
 #include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
 namespace {

@@ -10,6 +10,7 @@
 #include <nanoflann.hpp>
 
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/sh.h"
 #include "train/random.h"
 
 namespace stgs::encoder {
@@ -117,10 +118,9 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   set.rotation[4 * i] = 1.0f;
   set.opacity_logit[i] =
       logit(dynamic ? parameters.initial_opacity_dynamic : parameters.initial_opacity);
-  constexpr float kShConstant = 0.28209479177387814f;
   for (int c = 0; c < 3; ++c) {
     set.sh[i * state.components(kSh) + c] =
-        (static_cast<float>(point.colour[c]) / 255.0f - 0.5f) / kShConstant;
+        (static_cast<float>(point.colour[c]) / 255.0f - 0.5f) / math::kSh00;
   }
   const double clip = capture.frames;
   const double sigma = dynamic ? parameters.sigma_dynamic : parameters.sigma_static * clip;

@@ -8,26 +8,17 @@
 #include <cmath>
 
 #include "math/grad.h"
+#include "stgs/format/raster_view.h"
 
 namespace stgs::encoder::cpu {
 namespace {
 
 using namespace math;
+using raster::read3;
+using raster::View;
 
 // Splats a block of parallel work.
 constexpr std::size_t kBlock = 512;
-
-struct View {
-  PinholeCamera camera;
-  Vec3 centre;
-  float t;
-  int coefficients;  // evaluated
-  int stride;        // floats a primitive in set.sh
-};
-
-Vec3 read3(const std::vector<float>& array, std::size_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
 
 void write3(std::vector<float>& array, std::size_t i, Vec3 v) {
   array[3 * i] = v.x;
@@ -108,9 +99,7 @@ void PrimitiveGradients::resize(std::size_t splats, int coefficients) {
 void project_backward(const Gaussians4D& set, float t, const PinholeCamera& camera,
                       const RasterSettings& settings, const SplatFrame& frame,
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out) {
-  const View view{camera, camera_centre(camera), t,
-                  math::sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
-                  3 * set.sh_coefficients()};
+  const View view = raster::view_of(set, t, camera, settings);
   out.resize(frame.splats.size(), view.coefficients);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame.splats.size(), kBlock),
                     [&](const tbb::blocked_range<std::size_t>& range) {

@@ -28,9 +28,4 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes,
                                           std::string name = "memory");
 
-// Writes to a temporary name in the same folder, syncs, and renames, so that `path` is either the
-// old file or the whole new one. Errors (full disk, read-only folder) leave no temporary behind. A
-// device or a pipe is written directly.
-Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
-
 }  // namespace stgs

@@ -6,6 +6,7 @@
 
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 
 namespace stgs {
@@ -82,6 +83,11 @@ Status unsupported(fmt::format_string<Args...> text, Args&&... args) {
 template <typename... Args>
 Status not_built(fmt::format_string<Args...> text, Args&&... args) {
   return {StatusCode::kNotBuilt, fmt::format(text, std::forward<Args>(args)...)};
+}
+
+// An errno in words, for such messages: "No such file or directory".
+inline std::string system_message(int error) {
+  return error == 0 ? "unknown error" : std::generic_category().message(error);
 }
 
 }  // namespace stgs

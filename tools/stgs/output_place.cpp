@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "output_file.h"
+#include "output_place.h"
 
 #include <fcntl.h>
 #include <signal.h>
@@ -31,16 +31,13 @@ Status check_parent(const std::string& path) {
   return {};
 }
 
-// The names that belong to a path are a process id between these two.
+// The name of a work folder is a process id between these two.
 struct NameParts {
   std::string before, after;
 };
-NameParts temporary_parts(const fs::path& path) {
-  return {fmt::format(".{}.", path.stem().string()),
-          fmt::format(".tmp{}", path.extension().string())};
+NameParts work_parts(const fs::path& path) {
+  return {fmt::format(".{}.", path.filename().string()), ".tmp.work"};
 }
-
-constexpr const char* kWork = ".work";
 
 // Whether `name` is before, a process id and after, and that process is no more. A process with
 // our own id is: we ask before we make the folder.
@@ -58,21 +55,16 @@ bool is_stale(const std::string& name, const NameParts& parts) {
 
 }  // namespace
 
-std::string temporary_name(const std::string& path) {
-  const fs::path whole(path);
-  const NameParts parts = temporary_parts(whole);
-  const std::string name = fmt::format("{}{}{}", parts.before, ::getpid(), parts.after);
-  return (whole.parent_path() / name).string();
-}
-
 std::string work_name(const std::string& path) {
-  return temporary_name(path) + kWork;
+  const fs::path whole(path);
+  const NameParts parts = work_parts(whole);
+  return (whole.parent_path() / fmt::format("{}{}{}", parts.before, ::getpid(), parts.after))
+      .string();
 }
 
 std::vector<std::string> remove_stale_work(const std::string& path) {
   const fs::path whole(path);
-  NameParts parts = temporary_parts(whole);
-  parts.after += kWork;
+  const NameParts parts = work_parts(whole);
   const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
   std::vector<fs::path> stale;
   std::error_code error;
@@ -118,65 +110,9 @@ Status check_can_make_folder(const std::string& path) {
   return check_can_write(fs::exists(status) ? folder + "/probe" : folder);
 }
 
-OutputFile::~OutputFile() {
-  if (fd_ >= 0 && !temporary_.empty()) {
-    ::close(fd_);
-    ::unlink(temporary_.c_str());
-  }
-}
-
-Status OutputFile::open(const std::string& path) {
-  path_ = path;
-  if (path == "-") {
-    path_ = "standard output";
-    fd_ = STDOUT_FILENO;
-    return {};
-  }
-  STGS_TRY(check_can_write(path));
-  temporary_ = temporary_name(path);
-  fd_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd_ < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
-  return {};
-}
-
-Status OutputFile::write(std::span<const std::uint8_t> bytes) {
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t wrote = ::write(fd_, bytes.data() + done, bytes.size() - done);
-    if (wrote < 0 && errno == EINTR) continue;
-    if (wrote < 0) return io_error("{}: cannot write: {}", path_, system_message(errno));
-    done += static_cast<std::size_t>(wrote);
-  }
-  return {};
-}
-
-Status OutputFile::commit() {
-  if (temporary_.empty()) return {};
-  const int fd = fd_;
-  fd_ = -1;
-  const bool synced = ::fsync(fd) == 0;
-  const int sync_error = errno;
-  const bool closed = ::close(fd) == 0;
-  Status status;
-  if (!synced || !closed) {
-    status = io_error("{}: cannot write: {}", path_, system_message(synced ? errno : sync_error));
-  } else {
-    status = rename_over(temporary_, path_);
-  }
-  if (!status.ok()) ::unlink(temporary_.c_str());
-  return status;
-}
-
 RemovedPath::~RemovedPath() {
   std::error_code ignored;  // a destructor has nobody to tell; the path is a temporary
   if (!path_.empty()) fs::remove_all(path_, ignored);
-}
-
-Status rename_over(const std::string& from, const std::string& to) {
-  if (std::rename(from.c_str(), to.c_str()) != 0) {
-    return io_error("{}: cannot replace: {}", to, system_message(errno));
-  }
-  return {};
 }
 
 }  // namespace stgs::tools

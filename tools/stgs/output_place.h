@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outputs appear whole or not at all: they are written under a temporary name and renamed.
+// What the verbs ask of a place before they write there, and how they leave none of their work.
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
+#include "stgs/format/output_file.h"
 #include "stgs/format/status.h"
 
 namespace stgs::tools {
-
-// The temporary name that belongs to `path`, in the same folder, with the same ending.
-std::string temporary_name(const std::string& path);
 
 // The temporary folder that belongs to `path`, for this process.
 std::string work_name(const std::string& path);
@@ -25,24 +21,6 @@ std::vector<std::string> remove_stale_work(const std::string& path);
 Status check_can_write(const std::string& path);
 // The same for a new or existing folder.
 Status check_can_make_folder(const std::string& path);
-
-// A file written piece by piece. Removes its temporary unless committed.
-class OutputFile {
- public:
-  OutputFile() = default;
-  ~OutputFile();
-  OutputFile(const OutputFile&) = delete;
-  OutputFile& operator=(const OutputFile&) = delete;
-
-  // "-" is standard output, which has no temporary.
-  Status open(const std::string& path);
-  Status write(std::span<const std::uint8_t> bytes);
-  Status commit();
-
- private:
-  std::string path_, temporary_;
-  int fd_ = -1;
-};
 
 // A path that is removed, with all in it, when this goes, unless kept.
 class RemovedPath {
@@ -57,8 +35,5 @@ class RemovedPath {
  private:
   std::string path_;
 };
-
-// Renames, replacing an existing file.
-Status rename_over(const std::string& from, const std::string& to);
 
 }  // namespace stgs::tools

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Outputs appear whole or not at all: they are written under a temporary name and renamed.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+// The temporary name that belongs to `path` in this process: same folder, same ending, hidden.
+std::string temporary_name(const std::string& path);
+
+// Renames, replacing an existing file.
+Status rename_over(const std::string& from, const std::string& to);
+
+// A file written piece by piece. Removes its temporary unless committed. One thread at a time.
+class OutputFile {
+ public:
+  OutputFile() = default;
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  // A device or a pipe is written directly: a rename would put a file in its place.
+  Status open(const std::string& path);
+  // Writes to a descriptor of somebody else, such as standard output; `name` is for messages.
+  void borrow(int descriptor, const std::string& name);
+  Status write(std::span<const std::uint8_t> bytes);
+  // Syncs and renames; after an error (full disk, read-only folder) nothing is left behind.
+  Status commit();
+
+ private:
+  Status close();
+
+  std::string path_, temporary_;
+  int fd_ = -1;
+  bool borrowed_ = false;
+};
+
+// OutputFile in one go: afterwards `path` is either the old file or the whole new one.
+Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
+
+}  // namespace stgs

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// What stays the same for all primitives of a view: shared by slicing and by the encoder's backward
+// pass.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "stgs/format/gaussian4d.h"
+#include "stgs/format/math/project.h"
+#include "stgs/format/math/sh.h"
+#include "stgs/format/raster.h"
+
+namespace stgs::raster {
+
+struct View {
+  math::PinholeCamera camera;
+  math::Vec3 centre;  // of the camera, in the world
+  float t;            // ticks
+  int coefficients;   // of the harmonics, evaluated
+  int stride;         // floats a primitive in set.sh
+};
+
+inline View view_of(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
+                    const RasterSettings& settings) {
+  return {camera, math::camera_centre(camera), t,
+          math::sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),
+          3 * set.sh_coefficients()};
+}
+
+// Entry i of an array of N x 3.
+inline math::Vec3 read3(const std::vector<float>& array, std::size_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+
+}  // namespace stgs::raster

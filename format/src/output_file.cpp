@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/output_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+
+namespace stgs {
+
+std::string temporary_name(const std::string& path) {
+  const std::filesystem::path whole(path);
+  const std::string name =
+      fmt::format(".{}.{}.tmp{}", whole.stem().string(), ::getpid(), whole.extension().string());
+  return (whole.parent_path() / name).string();
+}
+
+Status rename_over(const std::string& from, const std::string& to) {
+  if (std::rename(from.c_str(), to.c_str()) != 0) {
+    return io_error("{}: cannot replace: {}", to, system_message(errno));
+  }
+  return {};
+}
+
+OutputFile::~OutputFile() {
+  if (fd_ >= 0 && !borrowed_) ::close(fd_);
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+Status OutputFile::open(const std::string& path) {
+  path_ = path;
+  std::string target = path;
+  struct stat info {};
+  const bool there = ::stat(path.c_str(), &info) == 0;
+  if (there && S_ISDIR(info.st_mode)) return io_error("{}: is a folder, not a file", path);
+  if (!there || S_ISREG(info.st_mode)) target = temporary_ = temporary_name(path);
+  fd_ = ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (fd_ < 0) {
+    temporary_.clear();
+    return io_error("{}: cannot create: {}", path, system_message(errno));
+  }
+  return {};
+}
+
+void OutputFile::borrow(int descriptor, const std::string& name) {
+  path_ = name;
+  fd_ = descriptor;
+  borrowed_ = true;
+}
+
+Status OutputFile::write(std::span<const std::uint8_t> bytes) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t wrote = ::write(fd_, bytes.data() + done, bytes.size() - done);
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote < 0) return io_error("{}: cannot write: {}", path_, system_message(errno));
+    done += static_cast<std::size_t>(wrote);
+  }
+  return {};
+}
+
+Status OutputFile::close() {
+  const int fd = std::exchange(fd_, -1);
+  // Devices and pipes cannot be synced, and say so.
+  const bool synced = ::fsync(fd) == 0 || errno == EINVAL || errno == EROFS;
+  const int sync_error = errno;
+  if (::close(fd) != 0 && synced) {
+    return io_error("{}: cannot write: {}", path_, system_message(errno));
+  }
+  if (!synced) return io_error("{}: cannot write: {}", path_, system_message(sync_error));
+  return {};
+}
+
+Status OutputFile::commit() {
+  if (borrowed_) return {};
+  STGS_TRY(close());
+  if (temporary_.empty()) return {};
+  STGS_TRY(rename_over(temporary_, path_));
+  temporary_.clear();
+  return {};
+}
+
+Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes) {
+  OutputFile file;
+  STGS_TRY(file.open(path));
+  STGS_TRY(file.write(bytes));
+  return file.commit();
+}
+
+}  // namespace stgs

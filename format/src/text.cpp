@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/text.h"
+
+#include <cstddef>
+#include <cstdint>
+
+namespace stgs {
+
+bool is_utf8(std::string_view text) {
+  // Smallest code point that needs as many bytes.
+  constexpr std::uint32_t kFirst[] = {0, 0, 0x80, 0x800, 0x10000};
+  for (std::size_t i = 0; i < text.size();) {
+    const auto lead = static_cast<unsigned char>(text[i]);
+    const std::size_t length = lead < 0x80             ? 1
+                               : (lead & 0xE0) == 0xC0 ? 2
+                               : (lead & 0xF0) == 0xE0 ? 3
+                               : (lead & 0xF8) == 0xF0 ? 4
+                                                       : 0;
+    if (length == 0 || length > text.size() - i) return false;
+    std::uint32_t point = length == 1 ? lead : lead & (0x7Fu >> length);
+    for (std::size_t j = 1; j < length; ++j) {
+      const auto byte = static_cast<unsigned char>(text[i + j]);
+      if ((byte & 0xC0) != 0x80) return false;
+      point = point << 6 | (byte & 0x3Fu);
+    }
+    const bool surrogate = point >= 0xD800 && point < 0xE000;
+    if (point < kFirst[length] || point > 0x10FFFF || surrogate) return false;
+    i += length;
+  }
+  return true;
+}
+
+}  // namespace stgs
