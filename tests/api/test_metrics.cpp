@@ -3,9 +3,9 @@
 #include <cmath>
 #include <random>
 
-#include "metrics.h"
+#include "stgs/encoder/metrics.h"
 
-namespace stgs::tools {
+namespace stgs::encoder {
 namespace {
 
 Image noise(int width, int height, unsigned seed) {
@@ -123,4 +123,4 @@ TEST_CASE("colour correction removes an affine map and nothing else") {
 }
 
 }  // namespace
-}  // namespace stgs::tools
+}  // namespace stgs::encoder

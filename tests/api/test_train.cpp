@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <catch2/catch.hpp>
 #include <filesystem>
+#include <fstream>
+#include <stdexcept>
 
 #include <tbb/global_control.h>
 #include "stgs/encoder/train.h"
+#include "stgs/encoder/training_log.h"
 #include "synthetic_capture.h"
 
 using namespace stgs;
@@ -72,6 +75,96 @@ TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
   const Result<Scene> resumed = run(synthetic, settings);
   REQUIRE(resumed.ok());
   CHECK(same(whole->gaussians, resumed->gaussians));
+}
+
+TEST_CASE("measuring held-out views changes nothing and says what it sees") {
+  const SyntheticCapture synthetic("train_held_out");
+  const std::string path = synthetic.capture.folder + "/log.jsonl";
+  TrainSettings settings = short_run(60);
+  settings.held_out_measures = 0;
+  const Result<Scene> without = run(synthetic, settings);
+  settings.held_out_measures = 7;
+  settings.log_path = path;
+  TrainReport report;
+  const Result<Scene> with = train(synthetic.capture, settings, nullptr, nullptr, &report);
+  REQUIRE(without.ok());
+  REQUIRE(with.ok());
+  CHECK(same(without->gaussians, with->gaussians));
+
+  const Result<TrainingLog> log = read_training_log(path);
+  REQUIRE(log.ok());
+  std::vector<std::uint64_t> iterations;
+  for (const LoggedMeasure& m : log->measures) iterations.push_back(m.iteration);
+  CHECK(iterations == std::vector<std::uint64_t>{9, 18, 26, 35, 43, 52, 60});
+  REQUIRE(log->steps.size() == 3);  // the first, the 50th, the last
+  CHECK(log->steps.back().iteration == 60);
+  // Six frames, one test camera: the sample is all that there is, and the last measure the end.
+  REQUIRE(report.held_out);
+  CHECK(report.held_out->pictures == 6);
+  CHECK(report.held_out->psnr == log->measures.back().score.psnr);
+  CHECK(report.held_out->psnr ==
+        Approx(held_out_psnr(synthetic, with->gaussians)).margin(0.05));  // of 8-bit truth
+  CHECK(report.held_out->psnr_cc >= report.held_out->psnr);
+  CHECK(report.held_out->psnr > log->measures.front().score.psnr);
+}
+
+TEST_CASE("held-out views that cannot be read are told of and do not stop the training") {
+  const SyntheticCapture synthetic("train_no_held_out");
+  std::filesystem::remove(synthetic.capture.frame_path(synthetic.capture.cameras[0], 2));
+  REQUIRE(synthetic.capture.cameras[0].test);
+  std::string warning;
+  TrainReport report;
+  const auto log = [&](int level, const std::string& line) {
+    if (level == 1) warning = line;
+  };
+  REQUIRE(train(synthetic.capture, short_run(5), nullptr, log, &report).ok());
+  CHECK(warning.find("000002.png") != std::string::npos);
+  CHECK_FALSE(report.held_out);
+}
+
+TEST_CASE("a resumed log holds each line once, as if nothing had happened") {
+  const SyntheticCapture synthetic("train_log");
+  const std::string path = synthetic.capture.folder + "/log.jsonl";
+  TrainSettings settings = short_run(120);
+  settings.log_path = path;
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 70;
+  // Goes on for a while after the checkpoint, then is lost: lines of 72 and 96 are left behind.
+  const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
+    if (progress.stage == "train" && progress.done > 0.8) throw std::runtime_error("killed");
+    return true;
+  });
+  REQUIRE_FALSE(stopped.ok());
+  std::ofstream(path, std::ios::app) << "{\"iteration\":98,\"sec";
+  settings.resume = settings.checkpoint;
+  REQUIRE(run(synthetic, settings).ok());
+  const Result<TrainingLog> log = read_training_log(path);
+  REQUIRE(log.ok());
+  std::vector<std::uint64_t> steps, measures;
+  for (const LoggedStep& s : log->steps) steps.push_back(s.iteration);
+  for (const LoggedMeasure& m : log->measures) measures.push_back(m.iteration);
+  CHECK(steps == std::vector<std::uint64_t>{1, 50, 100, 120});
+  CHECK(measures == std::vector<std::uint64_t>{24, 48, 72, 96, 120});
+}
+
+TEST_CASE("the sample of views is spread over cameras and time") {
+  PreparedCapture capture;
+  capture.frames = 40;
+  capture.cameras.resize(12);
+  for (std::size_t i = 0; i < 12; i += 3) capture.cameras[i].test = true;
+  const std::vector<SampledView> few = sample_views(capture, true, 8);
+  REQUIRE(few.size() == 8);
+  std::vector<int> frames;
+  for (const SampledView& view : few) {
+    CHECK(capture.cameras[view.camera].test);
+    CHECK(view.camera == few[frames.size() % 4].camera);
+    frames.push_back(view.frame);
+  }
+  CHECK(frames == std::vector<int>{2, 7, 12, 17, 22, 27, 32, 37});
+  CHECK(sample_views(capture, false, 4).back().camera == 10);
+  CHECK(sample_views(capture, true, 0).empty());
+  capture.frames = 1;
+  CHECK(sample_views(capture, true, 8).size() == 4);
 }
 
 TEST_CASE("a checkpoint is only for the settings and the capture that it was made with") {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a capture to a file: what the verbs refuse, and what an interruption leaves."""
+import json
 import os
 import shutil
 import signal
@@ -155,6 +156,65 @@ class Training(CliTest):
             with self.subTest(args=args):
                 self.fails(code, message, *args)
         self.assertEqual(sorted(os.listdir(self.work)), ["empty", "rubbish"])
+
+    def test_a_killed_train_goes_on_to_the_same_bytes(self):
+        """SIGKILL anywhere, twice; the log and the scene end as those of an unbroken run."""
+        options = ["--iterations", "2000", "--max-primitives", "300", "--set",
+                   "densify_interval=20"]
+        self.succeeds(*self.train(*options, "--log", "whole.jsonl"))
+        os.rename(self.path("out.stgs"), self.path("whole.stgs"))
+        options += ["--log", "log.jsonl", "--checkpoint", "run.ckpt", "--checkpoint-interval",
+                    "50"]
+        at = 0
+        for share in (0.3, 0.6):
+            resume = ["--resume", "run.ckpt"] if at else []
+            args = [harness.STGS, *self.train(*options, *resume, "--progress", "json")]
+            with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+                for line in process.stderr:
+                    progress = json.loads(line) if line.startswith(b"{") else {}
+                    if progress.get("stage") == "train" and progress["done"] >= share:
+                        break
+                process.kill()
+            self.assertEqual(process.returncode, -signal.SIGKILL)
+            self.assertFalse(os.path.exists(self.path("out.stgs")))
+            before, at = at, int.from_bytes(self.iteration("run.ckpt"), "little")
+            self.assertGreater(at, before)
+            self.assertLess(at, 2000)
+        for name in os.listdir(self.work):  # of a checkpoint that was being written
+            if ".tmp" in name:
+                os.remove(self.path(name))
+        self.succeeds(*self.train(*options, "--resume", "run.ckpt"))
+        self.assertEqual(self.read("out.stgs"), self.read("whole.stgs"))
+        self.assertEqual(self.log("log.jsonl"), self.log("whole.jsonl"))
+
+    def iteration(self, checkpoint):
+        """Its 8 bytes: after the magic and the fingerprint."""
+        data = self.read(checkpoint)
+        at = 16 + int.from_bytes(data[8:16], "little")
+        return data[at:at + 8]
+
+    def log(self, name):
+        """The lines of a log, each by its schema, without what the clock gave."""
+        lines = [json.loads(line) for line in self.read(name).splitlines()]
+        for line in lines:
+            self.check_schema("training_log", line)
+            del line["seconds"]
+        return lines
+
+    def test_held_out_views_are_measured_and_change_nothing(self):
+        args = self.train("--iterations", "20", "--max-primitives", "300")
+        with_them = self.json_of(*args, "--log", "log.jsonl", "--held-out", "2")
+        scene = self.read("out.stgs")
+        measures = [line for line in self.log("log.jsonl") if "held_out" in line]
+        self.assertEqual([line["iteration"] for line in measures], [10, 20])
+        self.assertEqual(measures[-1]["held_out"], with_them["held_out"])
+        # The sample is the one test camera's six frames: what evaluate measures.
+        report = self.json_of("evaluate", "out.stgs", "--against", self.fixture("prepared"))
+        self.assertAlmostEqual(report["psnr"], with_them["held_out"]["psnr"], 3)
+        self.assertAlmostEqual(report["psnr_cc"], with_them["held_out"]["psnr_cc"], 3)
+        without = self.json_of(*args, "--held-out", "0")
+        self.assertIsNone(without["held_out"])
+        self.assertEqual(self.read("out.stgs"), scene)
 
     def test_an_interrupted_train_writes_its_checkpoint_and_no_scene(self):
         args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",

@@ -4,9 +4,9 @@
 
 #include "camera_file.h"
 #include "command.h"
-#include "metrics.h"
 #include "options.h"
 #include "picture.h"
+#include "stgs/encoder/metrics.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::tools {
@@ -20,9 +20,9 @@ struct Difference {
 
 Result<Difference> difference(const Image& a, const Image& b) {
   Difference d;
-  d.mse = mean_squared_error(a, b);
-  d.largest = max_difference(a, b);
-  STGS_ASSIGN(const Ssim similarity, ssim(a, b));
+  d.mse = encoder::mean_squared_error(a, b);
+  d.largest = encoder::max_difference(a, b);
+  STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(a, b));
   d.ssim = similarity.range_1;
   return d;
 }
@@ -46,7 +46,7 @@ class Compare final : public Command {
     app.add_option("A", a_, "A picture or a .stgs file")->required();
     app.add_option("B", b_, "Another of its kind")->required();
     app.add_option("--min-psnr", min_psnr_, "dB; exit code 7 below it")
-        ->check(number_between(0, kPsnrMax));
+        ->check(number_between(0, encoder::kPsnrMax));
     app.add_option("--camera", camera_, "For .stgs files: camera file (JSON), see 'render'");
     app.add_option("--moments", moments_, "For .stgs files: how many, evenly spaced")
         ->check(number_between(1, 1000))
@@ -70,8 +70,8 @@ class Compare final : public Command {
       return {StatusCode::kDiffers, fmt::format("{} is {}x{}, {} is {}x{}", a_, a.width, a.height,
                                                 b_, b.width, b.height)};
     }
-    STGS_TRY(check_finite(a, a_));
-    STGS_TRY(check_finite(b, b_));
+    STGS_TRY(encoder::check_finite(a, a_));
+    STGS_TRY(encoder::check_finite(b, b_));
     STGS_ASSIGN(const Difference d, difference(a, b));
     Json json = {{"a", a_}, {"b", b_}, {"kind", "pictures"}};
     return report(session, json, d);
@@ -129,13 +129,13 @@ class Compare final : public Command {
     std::vector<player::Frame> frames;
     STGS_TRY(
         at_moment(renderer->render(timeline, seconds, {view}, frames, nullptr), file, seconds));
-    STGS_TRY(check_finite(frames[0].colour, moment_name(file, seconds)));
+    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(file, seconds)));
     for (float& v : frames[0].colour.data) v = std::clamp(v, 0.0f, 1.0f);
     return std::move(frames[0].colour);
   }
 
   Status report(Session& session, Json& json, const Difference& d) const {
-    const double psnr = psnr_of(d.mse);
+    const double psnr = encoder::psnr_of(d.mse);
     json["psnr"] = psnr;
     json["ssim"] = d.ssim;
     json["max_difference"] = d.largest;

@@ -7,9 +7,9 @@
 
 #include "camera_file.h"
 #include "command.h"
-#include "metrics.h"
 #include "options.h"
 #include "picture.h"
+#include "stgs/encoder/metrics.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::tools {
@@ -36,7 +36,7 @@ Scores mean_of(const std::vector<Scores>& all) {
 Json to_json(const Scores& s) {
   return {{"psnr", s.psnr},
           {"psnr_cc", s.psnr_cc},
-          {"psnr_pooled", psnr_of(s.mse)},
+          {"psnr_pooled", encoder::psnr_of(s.mse)},
           {"ssim", s.ssim},
           {"ssim_2", s.ssim_2}};
 }
@@ -44,12 +44,12 @@ Json to_json(const Scores& s) {
 Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
                      const encoder::Camera& camera, int frame) {
   STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
-  const Image truth = to_float(loaded);
-  STGS_ASSIGN(const Ssim similarity, ssim(picture, truth));
+  const Image truth = encoder::to_float(loaded);
+  STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(picture, truth));
   Scores s;
-  s.mse = mean_squared_error(picture, truth);
-  s.psnr = psnr_of(s.mse);
-  s.psnr_cc = psnr_of(colour_corrected_error(picture, truth));
+  s.mse = encoder::mean_squared_error(picture, truth);
+  s.psnr = encoder::psnr_of(s.mse);
+  s.psnr_cc = encoder::psnr_of(encoder::colour_corrected_error(picture, truth));
   s.ssim = similarity.range_1;
   s.ssim_2 = similarity.range_2;
   return s;
@@ -165,7 +165,7 @@ class Evaluate final : public Command {
     const double seconds = metadata.time_base.seconds(job.frame);
     STGS_TRY(
         at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), file_, seconds));
-    STGS_TRY(check_finite(frames[0].colour, moment_name(file_, seconds)));
+    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(file_, seconds)));
     job.picture = std::move(frames[0].colour);
     for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
     return {};
@@ -195,7 +195,7 @@ class Evaluate final : public Command {
     }
     const Scores mean = mean_of(all);
     row("mean", "", all.size(), mean);
-    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n", psnr_of(mean.mse),
+    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n", encoder::psnr_of(mean.mse),
                         human_bytes(peak_memory()));
     Json json = {{"file", file_},
                  {"against", folder_},

@@ -17,7 +17,7 @@ class Train final : public Command {
         "Optimises the primitives against the training cameras and writes a lossless .stgs\n"
         "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
         "for, is written, the scene is not. The same seed gives the same scene on the same kind\n"
-        "of processor, without --max-seconds.",
+        "of processor, without --max-seconds. Held-out measures do not change the scene.",
         "  stgs train prepared/ -o scene.stgs --preset fast\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
@@ -38,15 +38,20 @@ class Train final : public Command {
     encoder::TrainReport report;
     STGS_TRY(train_to_file(folder_, output_, settings, session, report));
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
+    const std::string held_out = report.held_out
+                                     ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
+                                                   report.held_out->psnr, report.held_out->pictures)
+                                     : "";
     Json json = {{"output", output_}};
     json.update(to_json(report));
     json["bytes"] = bytes;
     json["peak_memory"] = report.peak_memory;
     return session.emit(
-        json, fmt::format("{}: {} primitives, {}, {} steps in {:.1f} s, loss {:.5f}, peak memory "
-                          "{}\n",
-                          output_, report.primitives, human_bytes(bytes), report.iterations,
-                          report.seconds, report.final_loss, human_bytes(report.peak_memory)));
+        json,
+        fmt::format("{}: {} primitives, {}, {} steps in {:.1f} s, loss {:.5f}{}, peak memory "
+                    "{}\n",
+                    output_, report.primitives, human_bytes(bytes), report.iterations,
+                    report.seconds, report.final_loss, held_out, human_bytes(report.peak_memory)));
   }
 
  private:

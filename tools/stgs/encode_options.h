@@ -49,6 +49,7 @@ class TrainOptions {
  private:
   std::string preset_ = "default", ablate_, resume_, checkpoint_, log_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
+  int held_out_ = encoder::TrainSettings{}.held_out_measures;
   double max_seconds_ = 0;
   std::vector<std::string> overrides_;
 };

@@ -12,6 +12,7 @@
 #include "options.h"
 #include "output_place.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/encoder/metrics.h"
 
 namespace stgs::tools {
 namespace {
@@ -75,19 +76,6 @@ encoder::Image8 to_8bit(const Image& colour) {
   return out;
 }
 
-Image to_float(const encoder::Image8& picture) {
-  Image out;
-  out.reshape(picture.width, picture.height, 3);
-  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
-  for (int c = 0; c < 3; ++c) {
-    float* plane = out.plane(c);
-    for (std::size_t i = 0; i < pixels; ++i) {
-      plane[i] = static_cast<float>(picture.data[i * 3 + c]) / 255.0f;
-    }
-  }
-  return out;
-}
-
 encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8& right) {
   const encoder::Image8 fitted =
       right.height == left.height ? right : scaled_to_height(right, left.height);
@@ -125,7 +113,7 @@ Status write_exr(const std::string& path, const player::Frame& frame) {
 Result<Image> read_picture(const std::string& path) {
   if (extension_of(path) == ".exr") return read_exr_file(path);
   STGS_ASSIGN(const encoder::Image8 picture, encoder::read_image8(path, 3));
-  return to_float(picture);
+  return encoder::to_float(picture);
 }
 
 bool is_picture_name(const std::string& path) {

@@ -15,8 +15,6 @@ namespace stgs::tools {
 
 // Colour to 8 bits a channel, interleaved RGB: clamped to [0,1], rounded to nearest.
 encoder::Image8 to_8bit(const Image& colour);
-// 8 bits a channel to planar floats in [0,1].
-Image to_float(const encoder::Image8& picture);
 // Two pictures of the same height side by side; the right one is scaled to fit (bilinear) where
 // its height differs.
 encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8& right);

@@ -38,7 +38,12 @@ void TrainOptions::declare(CLI::App& app) {
   app.add_option("--set", overrides_, "KEY=VALUE of a hyper-parameter; may be repeated")
       ->allow_extra_args(false)
       ->group(group);
-  app.add_option("--log", log_, "File for one JSON line a step")->group(group);
+  app.add_option("--log", log_, "File for JSON lines: steps, and held-out measures")->group(group);
+  app.add_option("--held-out", held_out_,
+                 "How often in a run a few pictures of the test cameras are measured; 0: never")
+      ->check(number_between(0, 1e6))
+      ->capture_default_str()
+      ->group(group);
 }
 
 Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common) const {
@@ -56,6 +61,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   settings.checkpoint = checkpoint_;
   settings.checkpoint_interval = checkpoint_interval_;
   settings.log_path = log_;
+  settings.held_out_measures = held_out_;
   std::vector<std::string> names;
   for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
   for (const std::string& text : overrides_) {
@@ -77,11 +83,20 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   return settings;
 }
 
+namespace {
+
+Json to_json(const encoder::HeldOutScore& score) {
+  return {{"psnr", score.psnr}, {"psnr_cc", score.psnr_cc}, {"pictures", score.pictures}};
+}
+
+}  // namespace
+
 Json to_json(const encoder::TrainReport& report) {
   return {{"iterations", report.iterations},
           {"seconds", report.seconds},
           {"primitives", report.primitives},
-          {"final_loss", report.final_loss}};
+          {"final_loss", report.final_loss},
+          {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)}};
 }
 
 Status train_to_file(const std::string& folder, const std::string& output,

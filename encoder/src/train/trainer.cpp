@@ -9,6 +9,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <stdexcept>
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
@@ -104,9 +105,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
   STGS_TRY(trainer->prepare_state());
   if (!settings.log_path.empty()) {
-    trainer->log_file_.open(settings.log_path,
-                            settings.resume.empty() ? std::ios::trunc : std::ios::app);
-    if (!trainer->log_file_) return io_error("{}: cannot write the log", settings.log_path);
+    STGS_TRY(trainer->log_file_.open(settings.log_path, trainer->state_.iteration));
   }
   return trainer;
 }
@@ -119,6 +118,15 @@ Status Trainer::prepare_state() {
     seconds_before_ = state_.seconds;
     log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
   }
+  if (settings_.held_out_measures > 0) {
+    Result<HeldOutViews> held_out = HeldOutViews::load(capture_);
+    if (held_out.ok()) {
+      held_out_ = std::move(*held_out);
+    } else {
+      log_(1, fmt::format("held-out views will not be measured: {}", held_out.status().message()));
+    }
+  }
+  measured_ = measures_due();
   return {};
 }
 
@@ -241,19 +249,35 @@ bool Trainer::report_progress(bool now) {
   if (!progress_) return true;
   const double done = share();
   const double eta = done > 0 ? state_.seconds * (1.0 - done) / done : -1;
-  return progress_({"train", done, eta,
-                    fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
-                                state_.mean_loss, state_.size())});
+  std::string detail = fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
+                                   state_.mean_loss, state_.size());
+  if (score_) detail += fmt::format(", held-out psnr {:.2f} dB", score_->psnr);
+  return progress_({"train", done, eta, detail});
 }
 
 void Trainer::write_log(const StepOutput& output) {
-  if (!log_file_.is_open() || state_.iteration % kLogInterval != 0) return;
-  const nlohmann::ordered_json json = {
-      {"iteration", state_.iteration}, {"seconds", state_.seconds},
-      {"loss", state_.mean_loss},      {"l1", output.l1},
-      {"ssim", output.ssim},           {"primitives", state_.size()},
-      {"visible", output.visible}};
-  log_file_ << json.dump() << '\n' << std::flush;
+  if (state_.iteration != 1 && state_.iteration % kLogInterval != 0 && !finished()) return;
+  log_file_.write(LoggedStep{state_.iteration, state_.seconds, state_.mean_loss, output.l1,
+                             output.ssim, state_.size(), output.visible});
+}
+
+int Trainer::measures_due() const {
+  return static_cast<int>(share() * settings_.held_out_measures);
+}
+
+void Trainer::measure_held_out() {
+  if (held_out_.empty() || measures_due() == measured_) return;
+  measured_ = measures_due();
+  const Clock::time_point begin = Clock::now();
+  backend_->synchronise();
+  try {
+    score_ = held_out_.measure(state_.set);
+    log_file_.write(LoggedMeasure{state_.iteration, state_.seconds, *score_});
+  } catch (const std::length_error& error) {
+    log_(1, fmt::format("iteration {}: held-out views could not be drawn: {}", state_.iteration,
+                        error.what()));
+  }
+  started_ += Clock::now() - begin;
 }
 
 Status Trainer::run() {
@@ -271,6 +295,7 @@ Status Trainer::run() {
     }
     densify();
     write_log(output);
+    measure_held_out();
     const auto interval = static_cast<std::uint64_t>(std::max(settings_.checkpoint_interval, 1));
     const bool checkpoint = state_.iteration % interval == 0;
     if (checkpoint) STGS_TRY(save_checkpoint());
@@ -286,6 +311,7 @@ Status Trainer::run() {
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
+  if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());
   return save_checkpoint();
 }
 
@@ -309,6 +335,7 @@ TrainReport Trainer::report() const {
   report.primitives = state_.size();
   report.final_loss = state_.mean_loss;
   report.peak_memory = peak_memory_bytes();
+  report.held_out = score_;
   return report;
 }
 

@@ -3,8 +3,8 @@
 #pragma once
 
 #include <chrono>
-#include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +12,7 @@
 #include "stgs/encoder/train.h"
 #include "train/hyper_parameters.h"
 #include "train/initial_state.h"
+#include "train/log_writer.h"
 #include "train/training_images.h"
 
 namespace stgs::encoder {
@@ -45,6 +46,9 @@ class Trainer {
   // At most every tenth of a second, but `now` always; false: stop.
   bool report_progress(bool now);
   void write_log(const StepOutput& output);
+  // Measures the held-out views where one is due; the clock of training stands still meanwhile.
+  void measure_held_out();
+  int measures_due() const;
 
   PreparedCapture capture_;
   TrainSettings settings_;
@@ -59,7 +63,10 @@ class Trainer {
   std::vector<std::uint32_t> order_;  // of the views of epoch_
   std::chrono::steady_clock::time_point started_, reported_;
   double seconds_before_ = 0;  // spent by the runs that this one goes on from
-  std::ofstream log_file_;
+  LogWriter log_file_;
+  HeldOutViews held_out_;
+  int measured_ = 0;  // measures that were due so far
+  std::optional<HeldOutScore> score_;
 };
 
 }  // namespace stgs::encoder

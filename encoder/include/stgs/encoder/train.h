@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "stgs/encoder/held_out.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/scene_file.h"
@@ -24,7 +26,10 @@ struct TrainSettings {
   std::string resume;                                          // checkpoint to go on from
   std::string checkpoint;         // where to write checkpoints; "": none
   int checkpoint_interval = 500;  // iterations
-  std::string log_path;           // JSON lines; "": none
+  std::string log_path;           // training_log.h; "": none
+  // How often in a run, evenly, a few pictures of the test cameras are measured; 0: never. The
+  // scene does not depend on it, and the time that it takes is not training time.
+  int held_out_measures = 5;
 };
 
 struct TrainReport {
@@ -32,7 +37,8 @@ struct TrainReport {
   double seconds = 0;
   std::size_t primitives = 0;
   double final_loss = 0;
-  std::uint64_t peak_memory = 0;  // bytes, resident
+  std::uint64_t peak_memory = 0;         // bytes, resident
+  std::optional<HeldOutScore> held_out;  // the last measure
 };
 
 // Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.

@@ -4,10 +4,14 @@
 
 #include <string>
 
+#include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/raster.h"
 #include "stgs/format/status.h"
 
-namespace stgs::tools {
+namespace stgs::encoder {
+
+// An 8-bit RGB picture as planar floats in [0,1].
+Image to_float(const Image8& picture);
 
 inline constexpr double kPsnrMax = 100;  // dB, reported for identical pictures
 
@@ -34,4 +38,4 @@ struct Ssim {
 // kUnsupported where a side is under 11 pixels.
 Result<Ssim> ssim(const Image& a, const Image& b);
 
-}  // namespace stgs::tools
+}  // namespace stgs::encoder

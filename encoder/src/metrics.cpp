@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "metrics.h"
+#include "stgs/encoder/metrics.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <vector>
 
-namespace stgs::tools {
+namespace stgs::encoder {
 namespace {
 
 constexpr int kWindow = 11;
@@ -79,6 +79,19 @@ Ssim channel_sums(const float* a, const float* b, int width, int height) {
 }
 
 }  // namespace
+
+Image to_float(const Image8& picture) {
+  Image out;
+  out.reshape(picture.width, picture.height, 3);
+  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
+  for (int c = 0; c < 3; ++c) {
+    float* plane = out.plane(c);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      plane[i] = static_cast<float>(picture.data[i * 3 + c]) / 255.0f;
+    }
+  }
+  return out;
+}
 
 Status check_finite(const Image& image, const std::string& name) {
   const auto bad =
@@ -153,4 +166,4 @@ Result<Ssim> ssim(const Image& a, const Image& b) {
   return mean;
 }
 
-}  // namespace stgs::tools
+}  // namespace stgs::encoder

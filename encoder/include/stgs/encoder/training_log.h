@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The log of a training: a JSON object a line (tools/schema/training_log.json), of two kinds:
+//   {"iteration", "seconds", "loss", "l1", "ssim", "primitives", "visible"}   a step, now and then
+//   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "pictures"}}     a measure
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "stgs/encoder/held_out.h"
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+struct LoggedStep {
+  std::uint64_t iteration = 0;
+  double seconds = 0;  // of training, over all runs that go on from each other
+  double loss = 0;     // running mean
+  double l1 = 0, ssim = 0;
+  std::uint64_t primitives = 0, visible = 0;
+};
+
+struct LoggedMeasure {
+  std::uint64_t iteration = 0;
+  double seconds = 0;
+  HeldOutScore score;
+};
+
+struct TrainingLog {
+  std::vector<LoggedStep> steps;
+  std::vector<LoggedMeasure> measures;
+};
+
+// In the order of the file. kInvalidFile, with the line, where a line is not of these kinds; a last
+// line without its end, which a killed run may leave, is passed over.
+Result<TrainingLog> read_training_log(const std::string& path);
+
+}  // namespace stgs::encoder

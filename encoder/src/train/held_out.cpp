@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/held_out.h"
+
+#include <algorithm>
+
+#include "stgs/encoder/metrics.h"
+#include "stgs/format/raster.h"
+
+namespace stgs::encoder {
+
+std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int most) {
+  std::vector<std::size_t> cameras;
+  for (std::size_t i = 0; i < capture.cameras.size(); ++i) {
+    if (capture.cameras[i].test == test) cameras.push_back(i);
+  }
+  const auto frames = static_cast<std::size_t>(std::max(capture.frames, 0));
+  const std::size_t count =
+      std::min(static_cast<std::size_t>(std::max(most, 0)), cameras.size() * frames);
+  std::vector<SampledView> views;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t camera =
+        cameras.size() <= count ? k % cameras.size() : k * cameras.size() / count;
+    const std::size_t frame = (2 * k + 1) * frames / (2 * count);
+    views.push_back({cameras[camera], static_cast<int>(frame)});
+  }
+  return views;
+}
+
+Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture) {
+  HeldOutViews held_out;
+  for (const SampledView& sampled : sample_views(capture, true, kHeldOutPictures)) {
+    const Camera& camera = capture.cameras[sampled.camera];
+    View view;
+    view.camera = camera.pinhole(capture.near_plane);
+    view.ticks = static_cast<float>(sampled.frame);
+    STGS_ASSIGN(view.truth, load_frame(capture, camera, sampled.frame));
+    held_out.views_.push_back(std::move(view));
+  }
+  return held_out;
+}
+
+HeldOutScore HeldOutViews::measure(const Gaussians4D& set) const {
+  HeldOutScore score;
+  SplatFrame frame;
+  RasterOutput output;
+  for (const View& view : views_) {
+    render(set, view.ticks, view.camera, {}, frame, output);
+    // What is not a number counts as black.
+    for (float& v : output.colour.data) v = v > 0.0f ? std::min(v, 1.0f) : 0.0f;
+    const Image truth = to_float(view.truth);
+    score.psnr += psnr_of(mean_squared_error(output.colour, truth));
+    score.psnr_cc += psnr_of(colour_corrected_error(output.colour, truth));
+    ++score.pictures;
+  }
+  if (score.pictures > 0) {
+    score.psnr /= score.pictures;
+    score.psnr_cc /= score.pictures;
+  }
+  return score;
+}
+
+}  // namespace stgs::encoder

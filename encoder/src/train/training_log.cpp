@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/training_log.h"
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
+#include "train/log_writer.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json to_json(const LoggedStep& step) {
+  return {{"iteration", step.iteration}, {"seconds", step.seconds},
+          {"loss", step.loss},           {"l1", step.l1},
+          {"ssim", step.ssim},           {"primitives", step.primitives},
+          {"visible", step.visible}};
+}
+
+Json to_json(const LoggedMeasure& measure) {
+  return {{"iteration", measure.iteration},
+          {"seconds", measure.seconds},
+          {"held_out",
+           {{"psnr", measure.score.psnr},
+            {"psnr_cc", measure.score.psnr_cc},
+            {"pictures", measure.score.pictures}}}};
+}
+
+void add_line(const Json& json, TrainingLog& log) {
+  const auto iteration = json.at("iteration").get<std::uint64_t>();
+  const auto seconds = json.at("seconds").get<double>();
+  if (const auto held_out = json.find("held_out"); held_out != json.end()) {
+    const HeldOutScore score{held_out->at("psnr").get<double>(),
+                             held_out->at("psnr_cc").get<double>(),
+                             held_out->at("pictures").get<int>()};
+    log.measures.push_back({iteration, seconds, score});
+    return;
+  }
+  log.steps.push_back({iteration, seconds, json.at("loss").get<double>(),
+                       json.at("l1").get<double>(), json.at("ssim").get<double>(),
+                       json.at("primitives").get<std::uint64_t>(),
+                       json.at("visible").get<std::uint64_t>()});
+}
+
+Result<std::string> read_text(const std::string& path) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  std::vector<std::uint8_t> bytes(source->size());
+  STGS_TRY(source->read(0, bytes));
+  return std::string(bytes.begin(), bytes.end());
+}
+
+// Visits every whole line, its end included.
+template <typename Visit>
+Status for_each_line(const std::string& path, std::string_view text, Visit visit) {
+  for (int number = 1;; ++number) {
+    const std::size_t end = text.find('\n');
+    if (end == std::string_view::npos) return {};
+    try {
+      visit(Json::parse(text.substr(0, end)), text.substr(0, end + 1));
+    } catch (const nlohmann::json::exception&) {
+      return invalid_file("{}, line {}: not a line of a training log", path, number);
+    }
+    text.remove_prefix(end + 1);
+  }
+}
+
+}  // namespace
+
+Result<TrainingLog> read_training_log(const std::string& path) {
+  STGS_ASSIGN(const std::string text, read_text(path));
+  TrainingLog log;
+  STGS_TRY(
+      for_each_line(path, text, [&](const Json& json, std::string_view) { add_line(json, log); }));
+  return log;
+}
+
+Status LogWriter::open(const std::string& path, std::uint64_t resumed) {
+  path_ = path;
+  std::string kept;
+  if (resumed > 0 && std::filesystem::exists(path)) {
+    STGS_ASSIGN(const std::string text, read_text(path));
+    STGS_TRY(for_each_line(path, text, [&](const Json& json, std::string_view line) {
+      if (json.at("iteration").get<std::uint64_t>() <= resumed) kept += line;
+    }));
+  }
+  STGS_TRY(write_file_atomically(
+      path, {reinterpret_cast<const std::uint8_t*>(kept.data()), kept.size()}));
+  file_.open(path, std::ios::app);
+  return check();
+}
+
+void LogWriter::write(const LoggedStep& step) {
+  if (is_open()) file_ << to_json(step).dump() << '\n' << std::flush;
+}
+
+void LogWriter::write(const LoggedMeasure& measure) {
+  if (is_open()) file_ << to_json(measure).dump() << '\n' << std::flush;
+}
+
+Status LogWriter::check() const {
+  if (file_.good()) return {};
+  return io_error("{}: cannot write the log", path_);
+}
+
+}  // namespace stgs::encoder
