@@ -28,6 +28,26 @@ class Reading(CliTest):
         self.assertIn("400", text)
         self.assertIn("position", text)
 
+    def test_info_tells_lifespans_when_asked(self):
+        info = self.json_of("info", self.fixture("tiny.stgs"), "--lifespans")
+        motion = info["motion"]
+        seen = info["primitives"] - motion["never_visible"]
+        lifespans = motion["lifespans"]
+        self.assertEqual(sum(b["primitives"] for b in lifespans["bins_s"]) +
+                         lifespans["whole_clip"], seen)
+        self.assertEqual(sum(b["primitives"] for b in motion["speeds"]["bins"]), seen)
+        # About 60 % of the fixture live over the clip; they drift by some 1e-5 over it.
+        share = motion["static"]["share"]
+        self.assertAlmostEqual(share * seen, motion["static"]["primitives"])
+        self.assertGreater(share, 0.4)
+        self.assertLess(share, 0.75)
+        self.assertAlmostEqual(motion["static"]["bound"],
+                               motion["static"]["scene_radius"] / 1000)
+        self.assertNotIn("motion", self.json_of("info", self.fixture("tiny.stgs")))
+        text = self.succeeds("info", self.fixture("tiny.stgs"), "--lifespans").stdout.decode()
+        self.assertRegex(text, rf"static +{motion['static']['primitives']} ")
+        self.fails(3, "huge_count.stgs", "info", self.fixture("huge_count.stgs"), "--lifespans")
+
     def test_a_name_that_is_not_utf8(self):
         shutil.copy(self.fixture("tiny.stgs"), self.path("x\udcff.stgs"))  # the byte 0xff
         self.assertEqual(self.json_of("info", "x\udcff.stgs")["file"], "x\ufffd.stgs")
