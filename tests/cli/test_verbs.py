@@ -68,6 +68,29 @@ class Reading(CliTest):
         self.assertEqual(some["pictures"], 2)
         self.assertGreater(some["psnr"], 25)
         self.assertLess(some["psnr"], report["psnr"])
+        # Six frames have a median, two have none.
+        self.assertGreater(report["moving_share"], 0)
+        self.assertLess(report["moving_share"], 0.9)
+        self.assertGreater(report["psnr_moving"], 58)
+        self.assertIsNone(some["moving_share"])
+        self.assertIsNone(some["psnr_moving"])
+
+    def test_what_moves_is_measured_apart(self):
+        against = ["--against", self.copy_capture("still")]
+        for frame in range(1, 6):
+            shutil.copy(self.path("still/frames/c/000000.png"),
+                        self.path(f"still/frames/c/00000{frame}.png"))
+        still = self.json_of("evaluate", self.fixture("tiny.stgs"), *against)
+        self.assertEqual(still["moving_share"], 0)
+        self.assertIsNone(still["psnr_moving"])
+        # One frame of another picture moves; in it alone the render is wrong.
+        shutil.copy(self.path("still/frames/a/000003.png"),
+                    self.path("still/frames/c/000003.png"))
+        moved = self.json_of("evaluate", self.fixture("tiny.stgs"), *against)
+        self.assertGreater(moved["moving_share"], 0)
+        self.assertLess(moved["moving_share"], 1 / 6)
+        self.assertLess(moved["psnr_moving"], moved["psnr_pooled"] - 3)
+        self.assertEqual(moved["views"][0]["psnr_moving"], moved["psnr_moving"])
 
     def test_results_do_not_depend_on_threads(self):
         args = ["evaluate", self.fixture("packed.stgs"), "--against", self.fixture("prepared"),

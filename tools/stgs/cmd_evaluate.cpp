@@ -7,6 +7,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "moving.h"
 #include "options.h"
 #include "picture.h"
 #include "stgs/encoder/metrics.h"
@@ -17,6 +18,8 @@ namespace {
 
 struct Scores {
   double mse = 0, psnr = 0, psnr_cc = 0, ssim = 0, ssim_2 = 0;
+  ErrorSum moving;           // summed, never averaged
+  std::uint64_t pixels = 0;  // that were looked at for it; 0 without a background
 };
 
 // Means over frames, and the PSNR of the mean squared error.
@@ -28,9 +31,20 @@ Scores mean_of(const std::vector<Scores>& all) {
     mean.psnr_cc += s.psnr_cc;
     mean.ssim += s.ssim;
     mean.ssim_2 += s.ssim_2;
+    mean.moving += s.moving;
+    mean.pixels += s.pixels;
   }
   const auto n = static_cast<double>(all.size());
-  return {mean.mse / n, mean.psnr / n, mean.psnr_cc / n, mean.ssim / n, mean.ssim_2 / n};
+  for (double* v : {&mean.mse, &mean.psnr, &mean.psnr_cc, &mean.ssim, &mean.ssim_2}) *v /= n;
+  return mean;
+}
+
+double psnr_moving(const Scores& s) {
+  return encoder::psnr_of(s.moving.mean());
+}
+
+double moving_share(const Scores& s) {
+  return static_cast<double>(s.moving.pixels) / static_cast<double>(s.pixels);
 }
 
 Json to_json(const Scores& s) {
@@ -38,11 +52,13 @@ Json to_json(const Scores& s) {
           {"psnr_cc", s.psnr_cc},
           {"psnr_pooled", encoder::psnr_of(s.mse)},
           {"ssim", s.ssim},
-          {"ssim_2", s.ssim_2}};
+          {"ssim_2", s.ssim_2},
+          {"psnr_moving", s.moving.pixels > 0 ? Json(psnr_moving(s)) : Json(nullptr)},
+          {"moving_share", s.pixels > 0 ? Json(moving_share(s)) : Json(nullptr)}};
 }
 
 Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
-                     const encoder::Camera& camera, int frame) {
+                     const encoder::Camera& camera, int frame, const encoder::Image8& background) {
   STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
   const Image truth = encoder::to_float(loaded);
   STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(picture, truth));
@@ -52,6 +68,10 @@ Result<Scores> score(const Image& picture, const encoder::PreparedCapture& captu
   s.psnr_cc = encoder::psnr_of(encoder::colour_corrected_error(picture, truth));
   s.ssim = similarity.range_1;
   s.ssim_2 = similarity.range_2;
+  if (!background.data.empty()) {
+    s.moving = moving_error(picture, loaded, background);
+    s.pixels = static_cast<std::uint64_t>(loaded.width) * loaded.height;
+  }
   return s;
 }
 
@@ -72,7 +92,10 @@ class Evaluate final : public Command {
         "pictures' PSNR; psnr_pooled: PSNR of the mean squared error of all; psnr_cc: after\n"
         "the affine colour map (3x4, render to truth) that is best for each picture; ssim:\n"
         "11x11 Gaussian window of sigma 1.5, mean over RGB and over windows inside the\n"
-        "picture, data range 1; ssim_2: the same with data range 2.",
+        "picture, data range 1; ssim_2: the same with data range 2; psnr_moving: PSNR of the\n"
+        "mean squared error over the pixels that move, of all frames: those where a channel of\n"
+        "the truth differs by more than 20 of 255 from the camera's background, the median of\n"
+        "at most 15 of the evaluated frames; none with fewer than 5.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -96,6 +119,7 @@ class Evaluate final : public Command {
     STGS_TRY(check_match(timeline->metadata()));
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
+    STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
     return report(session);
   }
@@ -108,6 +132,20 @@ class Evaluate final : public Command {
           "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", file_,
           metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator, folder_,
           capture_.frames, capture_.time_base.numerator, capture_.time_base.denominator);
+    }
+    return {};
+  }
+
+  Status find_backgrounds(Session& session) {
+    std::vector<int> frames;
+    for (int i = 0; i < capture_.frames; i += every_) frames.push_back(i);
+    backgrounds_.clear();
+    for (const encoder::Camera& camera : cameras_) {
+      STGS_ASSIGN(encoder::Image8 background, median_background(capture_, camera, frames));
+      backgrounds_.push_back(std::move(background));
+      if (!session.progress("background", backgrounds_.size(), cameras_.size())) {
+        return runtime_error("the evaluation is not complete");
+      }
     }
     return {};
   }
@@ -140,7 +178,8 @@ class Evaluate final : public Command {
     const auto compare = [&](const std::shared_ptr<Job>& job) {
       if (job->picture.data.empty()) return;
       const auto frame = static_cast<std::size_t>(job->frame / every_);
-      auto result = score(job->picture, capture_, cameras_[job->camera], job->frame);
+      auto result = score(job->picture, capture_, cameras_[job->camera], job->frame,
+                          backgrounds_[job->camera]);
       if (result.ok()) {
         scores_[job->camera][frame] = *result;
       } else {
@@ -174,12 +213,15 @@ class Evaluate final : public Command {
   Status report(Session& session) const {
     std::vector<Scores> all;
     Json views = Json::array();
-    std::string text = fmt::format("{:<16} {:>9} {:>7} {:>8} {:>8} {:>8} {:>8}\n", "camera", "size",
-                                   "frames", "psnr", "psnr_cc", "ssim", "ssim_2");
+    std::string text =
+        fmt::format("{:<16} {:>9} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8}  {}\n", "camera", "size",
+                    "frames", "psnr", "psnr_cc", "ssim", "ssim_2", "moving", "of the pixels");
     const auto row = [&text](const std::string& name, const std::string& size, std::size_t frames,
                              const Scores& s) {
-      text += fmt::format("{:<16} {:>9} {:>7} {:>8.3f} {:>8.3f} {:>8.4f} {:>8.4f}\n", name, size,
-                          frames, s.psnr, s.psnr_cc, s.ssim, s.ssim_2);
+      text += fmt::format("{:<16} {:>9} {:>7} {:>8.3f} {:>8.3f} {:>8.4f} {:>8.4f} {:>8}  {}\n",
+                          name, size, frames, s.psnr, s.psnr_cc, s.ssim, s.ssim_2,
+                          s.moving.pixels > 0 ? fmt::format("{:.3f}", psnr_moving(s)) : "-",
+                          s.pixels > 0 ? fmt::format("{:.2f} %", 100 * moving_share(s)) : "-");
     };
     for (std::size_t c = 0; c < cameras_.size(); ++c) {
       const encoder::Camera& camera = cameras_[c];
@@ -195,8 +237,8 @@ class Evaluate final : public Command {
     }
     const Scores mean = mean_of(all);
     row("mean", "", all.size(), mean);
-    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n", encoder::psnr_of(mean.mse),
-                        human_bytes(peak_memory()));
+    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
+                        encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
     Json json = {{"file", file_},
                  {"against", folder_},
                  {"cameras", which_},
@@ -212,7 +254,8 @@ class Evaluate final : public Command {
   int every_ = 1;
   encoder::PreparedCapture capture_;
   std::vector<encoder::Camera> cameras_;
-  std::vector<std::vector<Scores>> scores_;  // camera, frame
+  std::vector<encoder::Image8> backgrounds_;  // a camera; empty without a median
+  std::vector<std::vector<Scores>> scores_;   // camera, frame
 };
 
 }  // namespace
