@@ -198,15 +198,26 @@ TEST_CASE("the number of threads does not change a bit of the result") {
 TEST_CASE("every ablation takes away what its name says") {
   const SyntheticCapture synthetic("train_ablations");
   TrainSettings settings = short_run(40);
-  settings.ablate = "radius";
-  const Result<Scene> radius = run(synthetic, settings);
-  REQUIRE(radius.ok());
-  for (float r : radius->gaussians.radius) CHECK(r == 0.0f);
+  settings.ablate = "lifespan";
+  const Result<Scene> lifespan = run(synthetic, settings);
+  REQUIRE(lifespan.ok());
+  for (float r : lifespan->gaussians.radius) CHECK(r == 0.0f);
 
-  settings.ablate = "split";
-  const Result<Scene> split = run(synthetic, settings);
-  REQUIRE(split.ok());
-  for (float s : split->gaussians.sigma) CHECK(s > 6.0f);  // nothing starts short-lived
+  settings.ablate = "initialisation";
+  const Result<Scene> initialisation = run(synthetic, settings);
+  REQUIRE(initialisation.ok());
+  for (float s : initialisation->gaussians.sigma) CHECK(s > 6.0f);  // nothing starts short-lived
+
+  settings.ablate = "initialisation,lifespan";
+  const Result<Scene> both = run(synthetic, settings);
+  REQUIRE(both.ok());
+  for (float r : both->gaussians.radius) CHECK(r == 0.0f);
+  for (float s : both->gaussians.sigma) CHECK(s > 6.0f);
+
+  settings.ablate = "densification";
+  const Result<Scene> densification = run(synthetic, settings);
+  REQUIRE(densification.ok());
+  CHECK(densification->gaussians.size() <= 600);
 
   settings.ablate = "modulation";
   settings.iterations = 1;
@@ -217,7 +228,7 @@ TEST_CASE("every ablation takes away what its name says") {
   REQUIRE(full.ok());
   CHECK_FALSE(same(modulation->gaussians, full->gaussians));
 
-  settings.ablate = "magic";
+  settings.ablate = "lifespan,magic";
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
 }
 

@@ -216,6 +216,17 @@ class Training(CliTest):
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
+    def test_ablations_may_be_combined(self):
+        args = self.train("--iterations", "20", "--max-primitives", "300")
+        scenes = []
+        for names in ("lifespan", "densification,lifespan", "lifespan,densification",
+                      "lifespan,modulation,initialisation,densification"):
+            self.succeeds(*args, "--ablate", names, "--set", "densify_interval=2")
+            scenes.append(self.read("out.stgs"))
+        self.assertEqual(scenes[1], scenes[2])
+        self.assertEqual(len(set(scenes)), 3)
+        self.fails(USAGE, "--ablate: magic not in", *args, "--ablate", "lifespan,magic")
+
     def test_an_interrupted_train_writes_its_checkpoint_and_no_scene(self):
         args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",
                                           "--progress", "json")]

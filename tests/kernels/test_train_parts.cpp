@@ -14,6 +14,7 @@
 #include "train/checkpoint.h"
 #include "train/colour_correction.h"
 #include "train/densify.h"
+#include "train/densify_plan.h"
 #include "train/random.h"
 
 using namespace stgs;
@@ -189,6 +190,62 @@ TEST_CASE("growth clones the small, splits the large, removes the transparent") 
   CHECK(math::opacity_of(state.set.opacity_logit[1]) == Approx(1 - std::sqrt(0.5f)));
   CHECK(state.set.log_scale[3 * 6] == Approx(large - std::log(1.6f)));
   CHECK(state.statistics.views[1] == 0);
+}
+
+TEST_CASE("plain growth goes by the mean gradient alone, and its clones are copies") {
+  TrainState state = random_state(4, 5);
+  for (float& logit : state.set.opacity_logit) logit = 0.0f;
+  for (int c = 0; c < 3; ++c) {
+    state.set.log_scale[c] = std::log(1e-4f);  // 0 is small
+    state.set.log_scale[3 + c] = state.set.log_scale[6 + c] = std::log(0.05f);
+    state.set.log_scale[9 + c] = std::log(1e-4f);
+  }
+  state.statistics.views = {10, 10, 10, 10};
+  const HyperParameters parameters;
+  const auto pulled = static_cast<float>(2 * parameters.clone_gradient * 10);
+  state.statistics.gradient_sum = {pulled, pulled, 0.0f, 0.0f};
+  state.statistics.abs_gradient_sum = {pulled, pulled, 100.0f, 100.0f};
+  state.moments[kOpacity].first[0] = 0.5f;
+  DensifyContext context;
+  context.plain = true;
+  const DensifyCounts counts = grow(state, parameters, context);
+  CHECK(counts.cloned == 1);
+  CHECK(counts.split == 1);  // 2, which is pulled both ways, is left
+  REQUIRE(state.size() == 6);
+  for (int c = 0; c < 3; ++c) CHECK(state.set.position[12 + c] == state.set.position[c]);
+  CHECK(state.set.opacity_logit[0] == 0.0f);
+  CHECK(state.set.opacity_logit[4] == 0.0f);
+  CHECK(state.moments[kOpacity].first[0] == 0.5f);
+  CHECK(state.moments[kOpacity].first[4] == 0.0f);
+}
+
+TEST_CASE("the plan densifies as the paper does, or as 3DGS does") {
+  HyperParameters p;
+  p.opacity_resets = 2;
+  const Ablation full;
+  Ablation plain;
+  plain.densification = false;
+  const auto at = [&](const Ablation& ablation, double share) {
+    return densify_plan(p, ablation, share, true);
+  };
+  CHECK_FALSE(at(full, 0.02).grow);
+  CHECK(at(full, 0.2).grow);
+  CHECK(at(full, 0.2).resets_due == 1);
+  CHECK(at(full, 0.34).second_stage);
+  CHECK(at(full, 0.34).replace);
+  CHECK_FALSE(at(full, 0.34).grow);
+  CHECK_FALSE(at(full, 0.9).replace);
+  CHECK_FALSE(at(full, 0.9).gather);
+  CHECK_FALSE(densify_plan(p, full, 0.2, false).grow);
+  CHECK(densify_plan(p, full, 0.2, false).gather);
+  CHECK(at(plain, 0.45).grow);
+  CHECK(at(plain, 0.45).resets_due == 4);
+  for (const double share : {0.34, 0.5, 0.7, 0.99}) {
+    CHECK_FALSE(at(plain, share).replace);
+    CHECK_FALSE(at(plain, share).second_stage);
+    CHECK(at(plain, share).grow == (share < 0.5));
+  }
+  CHECK_FALSE(at(plain, 0.5).gather);
 }
 
 TEST_CASE("a primitive that is not a number any more does not cost the run") {

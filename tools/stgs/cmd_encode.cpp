@@ -50,7 +50,8 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(prepare_stage(capture_, prepared, prepare_, {train_.ablate() == "split"}, session));
+    STGS_TRY(
+        prepare_stage(capture_, prepared, prepare_, {train_.ablates("initialisation")}, session));
     seconds[0] = lap();
     STGS_TRY(train_to_file(prepared, trained, training, session, train_report));
     seconds[1] = lap();

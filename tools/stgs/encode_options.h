@@ -2,6 +2,7 @@
 // The options of prepare, train and pack, which encode takes all together.
 #pragma once
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -44,10 +45,13 @@ class TrainOptions {
   void declare(CLI::App& app);
   Result<encoder::TrainSettings> settings(const CommonOptions& common) const;
   const std::string& preset() const { return preset_; }
-  const std::string& ablate() const { return ablate_; }
+  bool ablates(const std::string& name) const {
+    return std::find(ablate_.begin(), ablate_.end(), name) != ablate_.end();
+  }
 
  private:
-  std::string preset_ = "default", ablate_, resume_, checkpoint_, log_;
+  std::string preset_ = "default", resume_, checkpoint_, log_;
+  std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   int held_out_ = encoder::TrainSettings{}.held_out_measures;
   double max_seconds_ = 0;

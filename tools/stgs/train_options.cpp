@@ -32,8 +32,12 @@ void TrainOptions::declare(CLI::App& app) {
       ->capture_default_str()
       ->needs(checkpoint)
       ->group(group);
-  app.add_option("--ablate", ablate_, "Leave out: radius (r = 0), split, or modulation (f = 1)")
-      ->check(CLI::IsMember({"radius", "split", "modulation"}))
+  app.add_option("--ablate", ablate_,
+                 "Leave out, with commas: lifespan (r = 0), modulation (f = 1), initialisation (no "
+                 "dynamic points, v = 0), densification (as 3DGS and 4DGS instead)")
+      ->check(CLI::IsMember(encoder::ablation_names()))
+      ->delimiter(',')
+      ->allow_extra_args(false)
       ->group(group);
   app.add_option("--set", overrides_, "KEY=VALUE of a hyper-parameter; may be repeated")
       ->allow_extra_args(false)
@@ -56,7 +60,10 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   settings.max_primitives = max_primitives_;
   settings.max_seconds = max_seconds_;
   settings.seed = common.seed;
-  settings.ablate = ablate_;
+  // In one order, so that a checkpoint does not depend on how they were typed.
+  for (const std::string& name : encoder::ablation_names()) {
+    if (ablates(name)) settings.ablate += settings.ablate.empty() ? name : "," + name;
+  }
   settings.resume = resume_;
   settings.checkpoint = checkpoint_;
   settings.checkpoint_interval = checkpoint_interval_;

@@ -62,17 +62,18 @@ struct Candidate {
 };
 
 std::vector<Candidate> growth_candidates(const TrainState& state, const HyperParameters& parameters,
-                                         float extent) {
+                                         const DensifyContext& context) {
   std::vector<Candidate> candidates;
-  const auto limit = static_cast<float>(parameters.split_scale) * extent;
+  const auto limit = static_cast<float>(parameters.split_scale) * context.extent;
   for (std::size_t i = 0; i < state.size(); ++i) {
     const std::uint32_t views = state.statistics.views[i];
     if (views == 0) continue;
     const bool large = largest_scale(state, i) > limit;
+    const bool absolute = large && !context.plain;
     const float gradient =
-        (large ? state.statistics.abs_gradient_sum[i] : state.statistics.gradient_sum[i]) /
+        (absolute ? state.statistics.abs_gradient_sum[i] : state.statistics.gradient_sum[i]) /
         static_cast<float>(views);
-    const double threshold = large ? parameters.split_gradient : parameters.clone_gradient;
+    const double threshold = absolute ? parameters.split_gradient : parameters.clone_gradient;
     const float urgency = gradient / static_cast<float>(threshold);
     if (urgency > 1.0f) candidates.push_back({static_cast<std::uint32_t>(i), urgency, large});
   }
@@ -161,12 +162,14 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
   counts.removed = before - kept.size();
   if (counts.removed > 0) state.keep(kept);
 
-  std::vector<Candidate> candidates = growth_candidates(state, parameters, context.extent);
+  std::vector<Candidate> candidates = growth_candidates(state, parameters, context);
   const std::size_t present = state.size();
   const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
   const std::size_t room = most > present ? most - present : 0;
   const auto step =
-      static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
+      context.plain
+          ? room
+          : static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
   keep_most_urgent(candidates, std::min(room, step));
   state.resize(present + candidates.size());
   Random random(context.seed, state.iteration, RandomPurpose::kDensify);
@@ -175,7 +178,12 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
       split_into(state, candidates[k].index, present + k, random);
       ++counts.split;
     } else {
-      clone_into(state, candidates[k].index, present + k, random);
+      if (context.plain) {
+        // The copy lies on its origin, which keeps its moments; that parts them (3DGS).
+        state.copy_parameters(candidates[k].index, present + k);
+      } else {
+        clone_into(state, candidates[k].index, present + k, random);
+      }
       ++counts.cloned;
     }
   }

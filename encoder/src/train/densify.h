@@ -18,12 +18,13 @@ struct DensifyCounts {
 struct DensifyContext {
   float extent = 1;       // scene units
   bool modulated = true;  // false: f = 1
-  float frames = 1;       // length of the clip
+  bool plain = false;     // growth as in 3DGS: mean gradients alone, clones that are copies
   std::uint64_t seed = 0;
 };
 
 // First stage: clones what is small and pulled, splits what is large and pulled both ways, removes
-// what is nearly transparent or too large. Resets the statistics.
+// what is nearly transparent or too large. Resets the statistics. A plain step is bounded by
+// max_primitives alone.
 DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
                    const DensifyContext& context);
 

@@ -39,6 +39,8 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("densify_until", p.densify_until);
   visit("densify_interval", p.densify_interval);
   visit("opacity_resets", p.opacity_resets);
+  visit("plain_until", p.plain_until);
+  visit("plain_reset", p.plain_reset);
   visit("clone_gradient", p.clone_gradient);
   visit("split_gradient", p.split_gradient);
   visit("split_scale", p.split_scale);

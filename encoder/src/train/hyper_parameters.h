@@ -47,6 +47,8 @@ struct HyperParameters {
   double densify_until = 0.85;  // last replacement of the second stage
   int densify_interval = 100;   // iterations
   int opacity_resets = 0;       // spread evenly over the first stage
+  double plain_until = 0.5;     // growth where the densification is ablated (3DGS, 4DGS)
+  double plain_reset = 0.1;     // opacity resets there, one each such share (3DGS, 4DGS)
 
   // Densification. Gradients are of the loss by image position, in half image widths.
   double clone_gradient = 2e-4;

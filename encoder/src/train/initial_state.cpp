@@ -80,7 +80,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                           dynamic_path, point.frame, capture.frames - 1);
     }
   }
-  if (!ablation.split) {
+  if (!ablation.initialisation) {
     std::erase_if(moving, [](const InitialPoint& point) { return point.frame != 0; });
     for (InitialPoint& point : moving) {
       point.frame = -1;
@@ -125,7 +125,7 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   const double clip = capture.frames;
   const double sigma = dynamic ? parameters.sigma_dynamic : parameters.sigma_static * clip;
   set.time[i] = dynamic ? static_cast<float>(point.frame) : static_cast<float>(0.5 * (clip - 1.0));
-  set.radius[i] = ablation.radius ? static_cast<float>(parameters.initial_radius) : 0.0f;
+  set.radius[i] = ablation.lifespan ? static_cast<float>(parameters.initial_radius) : 0.0f;
   state.log_sigma[i] = static_cast<float>(std::log(sigma));
   const float f = math::lifespan_modulation(static_cast<float>(sigma), set.radius[i]);
   const float gain = ablation.modulation && parameters.velocity_times_f != 0 ? f : 1.0f;
@@ -133,20 +133,6 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
 }
 
 }  // namespace
-
-Result<Ablation> Ablation::from_name(const std::string& name) {
-  Ablation ablation;
-  if (name == "radius") {
-    ablation.radius = false;
-  } else if (name == "modulation") {
-    ablation.modulation = false;
-  } else if (name == "split") {
-    ablation.split = false;
-  } else if (!name.empty()) {
-    return usage_error("unknown ablation '{}': use radius, modulation or split", name);
-  }
-  return ablation;
-}
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed) {

@@ -3,22 +3,13 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 #include "stgs/encoder/prepared_capture.h"
+#include "train/ablation.h"
 #include "train/hyper_parameters.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
-
-// The paper's ideas that --ablate takes away, one at a time.
-struct Ablation {
-  bool radius = true;      // false: r stays 0, l(t) is a Gaussian
-  bool modulation = true;  // false: f = 1
-  bool split = true;       // false: one long-lived, motionless cloud, no dynamic points
-
-  static Result<Ablation> from_name(const std::string& name);
-};
 
 // Reads the capture's points and makes primitives of them: dynamic ones centred on their frame,
 // with their measured motion; static ones alive over the whole clip.

@@ -6,14 +6,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <stdexcept>
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
+#include "train/densify_plan.h"
 #include "train/random.h"
+#include "train/start_camera.h"
 
 namespace stgs::encoder {
 namespace {
@@ -36,44 +37,6 @@ std::uint64_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
-}
-
-// The training camera nearest to the middle of all of them.
-const Camera& central_camera(const std::vector<Camera>& cameras) {
-  std::vector<std::array<double, 3>> centres;
-  std::array<double, 3> mean{};
-  for (const Camera& camera : cameras) {
-    std::array<double, 3> centre{};
-    for (int c = 0; c < 3; ++c) {
-      for (int k = 0; k < 3; ++k) centre[c] -= camera.rotation[3 * k + c] * camera.translation[k];
-      mean[c] += centre[c] / static_cast<double>(cameras.size());
-    }
-    centres.push_back(centre);
-  }
-  std::size_t best = 0;
-  double best_distance = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < centres.size(); ++i) {
-    double distance = 0;
-    for (int c = 0; c < 3; ++c) distance += (centres[i][c] - mean[c]) * (centres[i][c] - mean[c]);
-    if (distance < best_distance) {
-      best_distance = distance;
-      best = i;
-    }
-  }
-  return cameras[best];
-}
-
-StartCamera start_camera(const Camera& camera) {
-  StartCamera start;
-  std::copy_n(camera.rotation, 9, start.rotation);
-  std::copy_n(camera.translation, 3, start.translation);
-  start.fx = static_cast<float>(camera.fx);
-  start.fy = static_cast<float>(camera.fy);
-  start.cx = static_cast<float>(camera.cx);
-  start.cy = static_cast<float>(camera.cy);
-  start.width = static_cast<std::uint32_t>(camera.width);
-  start.height = static_cast<std::uint32_t>(camera.height);
-  return start;
 }
 
 }  // namespace
@@ -101,7 +64,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
     return usage_error(
         "iterations, max_primitives and densify_interval must be at least 1, sh_degree at most 3");
   }
-  STGS_ASSIGN(trainer->ablation_, Ablation::from_name(settings.ablate));
+  STGS_ASSIGN(trainer->ablation_, Ablation::from_names(settings.ablate));
   STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
   STGS_TRY(trainer->prepare_state());
   if (!settings.log_path.empty()) {
@@ -187,9 +150,9 @@ StepInput Trainer::step_input() {
   input.sh_degree =
       p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
   input.modulated = ablation_.modulation;
-  input.learn_radius = ablation_.radius;
+  input.learn_radius = ablation_.lifespan;
   input.second_stage = state_.second_stage != 0;
-  input.gather_statistics = done < p.densify_until;
+  input.gather_statistics = densify_plan(p, ablation_, done, false).gather;
   input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
   input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
   input.rates[kLogScale] = static_cast<float>(p.lr_scale);
@@ -210,18 +173,17 @@ StepInput Trainer::step_input() {
 }
 
 void Trainer::densify() {
-  const HyperParameters& p = parameters_;
-  const double done = share();
-  const bool now = state_.iteration % static_cast<std::uint64_t>(p.densify_interval) == 0;
-  if (done >= p.stage1_until) state_.second_stage = 1;
-  if (!now || done < p.densify_from || done >= p.densify_until) return;
-  const DensifyContext context{capture_.extent, ablation_.modulation,
-                               static_cast<float>(capture_.frames), settings_.seed};
+  const auto interval = static_cast<std::uint64_t>(parameters_.densify_interval);
+  const DensifyPlan plan =
+      densify_plan(parameters_, ablation_, share(), state_.iteration % interval == 0);
+  if (plan.second_stage) state_.second_stage = 1;
+  if (!plan.grow && !plan.replace) return;
+  const DensifyContext context{capture_.extent, ablation_.modulation, !ablation_.densification,
+                               settings_.seed};
   backend_->synchronise();
-  const bool refining = state_.second_stage != 0;
-  const DensifyCounts counts = refining ? replace(state_, p, context) : grow(state_, p, context);
-  const double resets_due = done / p.stage1_until * (p.opacity_resets + 1);
-  if (!refining && state_.opacity_resets + 1 <= resets_due) {
+  const DensifyCounts counts =
+      plan.replace ? replace(state_, parameters_, context) : grow(state_, parameters_, context);
+  if (plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due) {
     reset_opacity(state_);
     ++state_.opacity_resets;
   }
@@ -323,7 +285,7 @@ Scene Trainer::scene() const {
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metric = capture_.metric;
   metadata.near_plane = capture_.near_plane;
-  metadata.start_camera = start_camera(central_camera(images_.cameras()));
+  metadata.start_camera = start_camera(images_.cameras());
   metadata.generator = "stgs " STGS_VERSION;
   return scene;
 }

@@ -21,7 +21,7 @@ struct TrainSettings {
   int max_primitives = 0;          // 0: the preset's
   double max_seconds = 0;          // 0: no limit; the schedule fits itself to it
   std::uint64_t seed = 1;
-  std::string ablate;  // "", "radius", "split" or "modulation"
+  std::string ablate;  // of ablation_names(), with commas; "": the whole method
   std::vector<std::pair<std::string, std::string>> overrides;  // --set key=value
   std::string resume;                                          // checkpoint to go on from
   std::string checkpoint;         // where to write checkpoints; "": none
@@ -44,6 +44,9 @@ struct TrainReport {
 // Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report);
+
+// The parts of the paper's method that TrainSettings::ablate leaves out.
+std::vector<std::string> ablation_names();
 
 // Names and values of every hyper-parameter that --set takes, for a preset.
 std::vector<std::pair<std::string, std::string>> hyper_parameters(const std::string& preset);

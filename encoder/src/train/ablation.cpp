@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/ablation.h"
+
+#include <algorithm>
+#include <string_view>
+
+#include "stgs/encoder/train.h"
+
+namespace stgs::encoder {
+namespace {
+
+struct Named {
+  const char* name;
+  bool Ablation::*part;
+};
+constexpr Named kNamed[] = {{"lifespan", &Ablation::lifespan},
+                            {"modulation", &Ablation::modulation},
+                            {"initialisation", &Ablation::initialisation},
+                            {"densification", &Ablation::densification}};
+
+}  // namespace
+
+std::vector<std::string> ablation_names() {
+  std::vector<std::string> names;
+  for (const Named& named : kNamed) names.emplace_back(named.name);
+  return names;
+}
+
+Result<Ablation> Ablation::from_names(const std::string& names) {
+  Ablation ablation;
+  std::string_view left = names;
+  while (!left.empty()) {
+    const std::string_view name = left.substr(0, left.find(','));
+    left.remove_prefix(std::min(left.size(), name.size() + 1));
+    const auto* named = std::find_if(std::begin(kNamed), std::end(kNamed),
+                                     [name](const Named& n) { return name == n.name; });
+    if (named == std::end(kNamed)) {
+      return usage_error("unknown ablation '{}': use {}", name, fmt::join(ablation_names(), ", "));
+    }
+    ablation.*named->part = false;
+  }
+  return ablation;
+}
+
+}  // namespace stgs::encoder

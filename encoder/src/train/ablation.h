@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// The paper's ideas that --ablate takes away (its Table 2).
+#pragma once
+
+#include <string>
+
+#include "stgs/format/status.h"
+
+namespace stgs::encoder {
+
+// True: as in the paper.
+struct Ablation {
+  bool lifespan = true;        // false: r stays 0, so that l(t) is a Gaussian
+  bool modulation = true;      // false: f = 1
+  bool initialisation = true;  // false: one long-lived, motionless cloud, no dynamic points
+  // False: as 3DGS and 4DGS do it: clones and splits where the mean gradient is large, clones in
+  // place with the opacity of their origin, opacity resets; then N and the primitives' order stay,
+  // nothing is replaced and L_opacity, which serves the replacement, is off.
+  bool densification = true;
+
+  // Names with commas between; "" takes nothing away. The error lists the names.
+  static Result<Ablation> from_names(const std::string& names);
+};
+
+}  // namespace stgs::encoder

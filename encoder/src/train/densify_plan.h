@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// When to densify: a pure function of how far the training is.
+#pragma once
+
+#include "train/ablation.h"
+#include "train/hyper_parameters.h"
+
+namespace stgs::encoder {
+
+struct DensifyPlan {
+  bool grow = false;          // now
+  bool replace = false;       // now
+  bool gather = false;        // statistics are wanted in the step at this share
+  bool second_stage = false;  // N is frozen (paper 3.2)
+  int resets_due = 0;         // opacity resets so far, where grow
+};
+
+// `share` of the iterations are done, [0, 1]; `interval` where the iteration is one of every
+// densify_interval.
+DensifyPlan densify_plan(const HyperParameters& parameters, const Ablation& ablation, double share,
+                         bool interval);
+
+}  // namespace stgs::encoder
