@@ -2,10 +2,13 @@
 """From a capture to a file: what the verbs refuse, and what an interruption leaves."""
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import unittest
+import urllib.parse
+import xml.etree.ElementTree
 
 import harness
 from harness import CliTest
@@ -215,6 +218,55 @@ class Training(CliTest):
         without = self.json_of(*args, "--held-out", "0")
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
+
+    def page(self, folder):
+        """index.html, which must stand alone: no script, nothing from elsewhere, no lost file."""
+        text = self.read(os.path.join(folder, "index.html")).decode()
+        self.assertNotRegex(text, r"<script|https?:|<link|@import")
+        for name in re.findall(r'src="([^"]+)"', text):
+            self.assertTrue(os.path.exists(self.path(folder, urllib.parse.unquote(name))), name)
+        for svg in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
+            xml.etree.ElementTree.fromstring(svg)
+        return text
+
+    def test_the_report_shows_the_run_and_the_final_scene(self):
+        args = self.train("--iterations", "120", "--max-primitives", "300", "--seed", "3", "--set",
+                          "prune_opacity=0.004", "--report", "a <b>/page")
+        os.mkdir(self.path("a <b>"))
+        report = self.json_of(*args)
+        self.assertEqual(report["report"], "a <b>/page")
+        text = self.page("a <b>/page")
+        for title in ("Loss, running mean", "Held-out PSNR, dB", "Primitives"):
+            self.assertEqual(text.count(f"<title>{title}</title>"), 2, title)  # steps, seconds
+        self.assertIn("<td>prune_opacity</td><td>0.004</td>", text)
+        self.assertIn("--report 'a &lt;b&gt;/page'", text)
+        self.assertIn("120", text)
+        motion = self.json_of("info", "out.stgs", "--lifespans")["motion"]
+        self.assertIn(f"{100 * motion['static']['share']:.1f} %: they live", text)
+        self.assertIn("whole clip", text)
+        self.assertEqual(len(self.log("a <b>/page/training.jsonl")), 4 + 5)
+        for frame in range(6):
+            truth = self.fixture(f"prepared/frames/c/{frame:06}.png")
+            same = self.json_of("compare", f"a <b>/page/truth_c_{frame:06}.png", truth)
+            self.assertEqual(same["max_difference"], 0)
+            self.succeeds("render", "out.stgs", "--frames", f"{frame}:{frame + 1}", "--cameras",
+                          self.fixture("prepared"), "--which", "c", "-o", "end.png")
+            self.assertEqual(self.read(f"a <b>/page/render_c_{frame:06}.png"),
+                             self.read("end.png"))
+
+    def test_a_report_without_held_out_cameras_shows_training_cameras(self):
+        folder = self.copy_capture("all")
+        with open(os.path.join(folder, "capture.json"), encoding="utf-8") as file:
+            capture = json.load(file)
+        for camera in capture["cameras"]:
+            camera["test"] = False
+        self.write("all/capture.json", json.dumps(capture))
+        self.succeeds("train", "all", "-o", "out.stgs", "--preset", "fast", "--iterations", "5",
+                      "--report", "page", "--log", "mine.jsonl")
+        self.assertIn("No camera was held out", self.page("page"))
+        self.assertNotIn("training.jsonl", os.listdir(self.path("page")))
+        self.fails(IO, "page/index.html", "train", "all", "-o", "out.stgs", "--iterations", "1",
+                   "--report", "page/index.html")
 
     def test_ablations_may_be_combined(self):
         args = self.train("--iterations", "20", "--max-primitives", "300")

@@ -135,12 +135,13 @@ class Help(CliTest):
         expected = {
             "prepare": "--layout --frames --scale --test-cameras --fps --output",
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
-                     "--ablate --set --log --output",
+                     "--held-out --ablate --set --log --report --output",
             "pack": "--quality --output",
             "encode": "--layout --frames --preset --iterations --quality --keep-work --output",
             "render": "--camera --cameras --which --time --frames --size --background --beside "
                       "--output",
             "evaluate": "--against --cameras --every",
+            "info": "--lifespans",
             "compare": "--min-psnr",
         }
         for verb in self.verbs():

@@ -53,7 +53,7 @@ class Encode final : public Command {
     STGS_TRY(
         prepare_stage(capture_, prepared, prepare_, {train_.ablates("initialisation")}, session));
     seconds[0] = lap();
-    STGS_TRY(train_to_file(prepared, trained, training, session, train_report));
+    STGS_TRY(train_to_file(prepared, trained, train_.report(), training, session, train_report));
     seconds[1] = lap();
     STGS_TRY(
         encoder::pack(trained, output_, pack_.settings(), &pack_report, session.progress_sink()));

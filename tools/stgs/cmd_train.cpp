@@ -18,7 +18,7 @@ class Train final : public Command {
         "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
         "for, is written, the scene is not. The same seed gives the same scene on the same kind\n"
         "of processor, without --max-seconds. Held-out measures do not change the scene.",
-        "  stgs train prepared/ -o scene.stgs --preset fast\n"
+        "  stgs train prepared/ -o scene.stgs --preset fast --report report/\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
   }
@@ -36,7 +36,7 @@ class Train final : public Command {
     STGS_ASSIGN(const auto settings, options_.settings(session.options));
     STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
-    STGS_TRY(train_to_file(folder_, output_, settings, session, report));
+    STGS_TRY(train_to_file(folder_, output_, options_.report(), settings, session, report));
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
                                      ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
@@ -45,6 +45,7 @@ class Train final : public Command {
     Json json = {{"output", output_}};
     json.update(to_json(report));
     json["bytes"] = bytes;
+    json["report"] = options_.report().empty() ? Json(nullptr) : Json(options_.report());
     json["peak_memory"] = report.peak_memory;
     return session.emit(
         json,

@@ -45,12 +45,13 @@ class TrainOptions {
   void declare(CLI::App& app);
   Result<encoder::TrainSettings> settings(const CommonOptions& common) const;
   const std::string& preset() const { return preset_; }
+  const std::string& report() const { return report_; }
   bool ablates(const std::string& name) const {
     return std::find(ablate_.begin(), ablate_.end(), name) != ablate_.end();
   }
 
  private:
-  std::string preset_ = "default", resume_, checkpoint_, log_;
+  std::string preset_ = "default", resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   int held_out_ = encoder::TrainSettings{}.held_out_measures;
@@ -81,9 +82,9 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
 Json to_json(const encoder::TrainReport& report);
 Json to_json(const encoder::PackReport& report);
 
-// Trains and writes the lossless scene to `output`.
+// Trains and writes the lossless scene to `output`, and a report into a folder unless it is "".
 Status train_to_file(const std::string& folder, const std::string& output,
-                     const encoder::TrainSettings& settings, Session& session,
-                     encoder::TrainReport& report);
+                     const std::string& report_folder, const encoder::TrainSettings& settings,
+                     Session& session, encoder::TrainReport& report);
 
 }  // namespace stgs::tools

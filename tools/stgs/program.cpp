@@ -122,6 +122,23 @@ int unknown_verb(const std::string& word, const std::vector<Verb>& verbs) {
   return usage(fmt::format("unknown verb '{}'; the verbs are {}", word, fmt::join(names, ", ")));
 }
 
+// The arguments, quoted where a shell would need it.
+std::string command_line(int argc, char** argv) {
+  std::string line = "stgs";
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    std::string quoted;
+    for (const char c : argument) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    const bool plain =
+        !argument.empty() &&
+        argument.find_first_not_of(
+            "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%") ==
+            std::string::npos;
+    line += plain ? " " + argument : " '" + quoted + "'";
+  }
+  return line;
+}
+
 int run_verb(Command& command, Session& session) {
   install_signal_handlers();
 #ifdef STGS_HAS_PREPARE
@@ -163,6 +180,7 @@ int run_program(int argc, char** argv) {
   app.set_version_flag("--version", version_text, "Print the version and what is built in");
   app.require_subcommand(0, 1);
   Session session;
+  session.command = command_line(argc, argv);
   const std::vector<Verb> verbs = declare_verbs(app, session.options);
   const std::string first = argc > 1 ? argv[1] : "";
   const bool known = std::any_of(verbs.begin(), verbs.end(),

@@ -29,6 +29,7 @@ struct CommonOptions {
 class Session {
  public:
   CommonOptions options;
+  std::string command;  // as a shell would take it
 
   // Applies --threads; call once, before any work. The limit lasts as long as the session.
   Status start();

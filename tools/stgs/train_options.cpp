@@ -2,9 +2,11 @@
 #include "encode_options.h"
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 
 #include "options.h"
 #include "output_place.h"
+#include "train_report.h"
 
 namespace stgs::tools {
 
@@ -43,6 +45,9 @@ void TrainOptions::declare(CLI::App& app) {
       ->allow_extra_args(false)
       ->group(group);
   app.add_option("--log", log_, "File for JSON lines: steps, and held-out measures")->group(group);
+  app.add_option("--report", report_,
+                 "Folder for a page with curves, test renders and statistics (index.html)")
+      ->group(group);
   app.add_option("--held-out", held_out_,
                  "How often in a run a few pictures of the test cameras are measured; 0: never")
       ->check(number_between(0, 1e6))
@@ -87,6 +92,10 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   for (const std::string* path : {&checkpoint_, &log_}) {
     if (!path->empty()) STGS_TRY(check_can_write(*path));
   }
+  if (!report_.empty()) {
+    STGS_TRY(check_can_make_folder(report_));
+    if (log_.empty()) settings.log_path = report_ + "/training.jsonl";
+  }
   return settings;
 }
 
@@ -107,14 +116,21 @@ Json to_json(const encoder::TrainReport& report) {
 }
 
 Status train_to_file(const std::string& folder, const std::string& output,
-                     const encoder::TrainSettings& settings, Session& session,
-                     encoder::TrainReport& report) {
+                     const std::string& report_folder, const encoder::TrainSettings& settings,
+                     Session& session, encoder::TrainReport& report) {
   STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
+  if (!report_folder.empty()) {
+    std::error_code error;
+    std::filesystem::create_directories(report_folder, error);
+    if (error) return io_error("{}: cannot create: {}", report_folder, error.message());
+  }
   STGS_ASSIGN(const Scene scene, encoder::train(capture, settings, session.progress_sink(),
                                                 session.log_sink(), &report));
   WriteSettings writing;
   writing.profile = Profile::kLossless;
-  return write_scene(output, scene, writing);
+  STGS_TRY(write_scene(output, scene, writing));
+  if (report_folder.empty()) return {};
+  return write_train_report(report_folder, {capture, settings, report, scene, output}, session);
 }
 
 }  // namespace stgs::tools

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <opencv2/imgproc.hpp>
 
-#include "stgs/format/output_file.h"
+#include "stgs/encoder/report_page.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -88,31 +88,23 @@ cv::Mat depth_picture(const Surface& surface, DepthRange range) {
   return colours;
 }
 
-std::string page_of(const PreparedCapture& capture, const ReportFacts& facts,
-                    const std::vector<Section>& sections) {
-  std::string html =
-      "<!doctype html><meta charset=\"utf-8\"><title>Prepared capture</title>"
-      "<style>body{font-family:sans-serif;margin:2em}table{border-collapse:collapse}"
-      "td{padding:.2em 1em .2em 0}figure{display:inline-block;margin:.5em}"
-      "img{max-width:480px;image-rendering:pixelated}</style>\n<h1>Prepared capture</h1>\n";
-  html += fmt::format("<p>{} cameras, {} frames, from {}.</p>\n<table>\n", capture.cameras.size(),
-                      capture.frames, capture.source);
-  for (const auto& [name, value] : facts.lines) {
-    html += fmt::format("<tr><td>{}</td><td>{}</td></tr>\n", name, value);
+ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
+                   const std::vector<Section>& sections) {
+  ReportPage page("Prepared capture");
+  page.paragraph(fmt::format("{} cameras, {} frames, from {}.", capture.cameras.size(),
+                             capture.frames, capture.source));
+  page.table(facts.lines);
+  page.heading("Time");
+  std::vector<std::pair<std::string, std::string>> seconds;
+  for (const auto& [name, value] : facts.seconds) {
+    seconds.emplace_back(name, fmt::format("{:.1f} s", value));
   }
-  html += "</table>\n<h2>Time</h2>\n<table>\n";
-  for (const auto& [name, seconds] : facts.seconds) {
-    html += fmt::format("<tr><td>{}</td><td>{:.1f} s</td></tr>\n", name, seconds);
-  }
-  html += "</table>\n";
+  page.table(seconds);
   for (const Section& section : sections) {
-    html += fmt::format("<h2>{}</h2>\n", section.title);
-    for (const auto& [file, caption] : section.pictures) {
-      html += fmt::format("<figure><img src=\"{}\"><figcaption>{}</figcaption></figure>\n", file,
-                          caption);
-    }
+    page.heading(section.title);
+    for (const auto& [file, caption] : section.pictures) page.picture(file, caption);
   }
-  return html;
+  return page;
 }
 
 }  // namespace
@@ -162,9 +154,7 @@ Status write_report(const PreparedCapture& capture, const std::vector<View>& vie
     }
     sections.push_back(std::move(section));
   }
-  const std::string html = page_of(capture, facts, sections);
-  return write_file_atomically(folder + "/index.html",
-                               {reinterpret_cast<const std::uint8_t*>(html.data()), html.size()});
+  return page_of(capture, facts, sections).write(folder);
 }
 
 }  // namespace stgs::encoder::init

@@ -298,6 +298,8 @@ TrainReport Trainer::report() const {
   report.final_loss = state_.mean_loss;
   report.peak_memory = peak_memory_bytes();
   report.held_out = score_;
+  report.backend = backend_->name();
+  report.parameters = list_hyper_parameters(parameters_);
   return report;
 }
 

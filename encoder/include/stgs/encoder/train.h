@@ -37,8 +37,10 @@ struct TrainReport {
   double seconds = 0;
   std::size_t primitives = 0;
   double final_loss = 0;
-  std::uint64_t peak_memory = 0;         // bytes, resident
-  std::optional<HeldOutScore> held_out;  // the last measure
+  std::uint64_t peak_memory = 0;                                // bytes, resident
+  std::optional<HeldOutScore> held_out;                         // the last measure
+  std::string backend;                                          // what trained
+  std::vector<std::pair<std::string, std::string>> parameters;  // all, as used
 };
 
 // Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train_report.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <thread>
+
+#include "picture.h"
+#include "stgs/encoder/held_out.h"
+#include "stgs/encoder/metrics.h"
+#include "stgs/encoder/report_page.h"
+#include "stgs/encoder/training_log.h"
+#include "stgs/format/scene_statistics.h"
+
+namespace stgs::tools {
+namespace {
+
+using Rows = std::vector<std::pair<std::string, std::string>>;
+
+// The value of the first line of a file that starts with `key`, without quotes; "" for none.
+std::string value_in(const char* path, const std::string& key) {
+  std::ifstream file(path);
+  for (std::string line; std::getline(file, line);) {
+    if (line.rfind(key, 0) != 0) continue;
+    const std::size_t from = line.find_first_not_of("\t =:\"", key.size());
+    if (from == std::string::npos) return "";
+    return line.substr(from, line.find_last_not_of("\" ") + 1 - from);
+  }
+  return "";
+}
+
+Rows machine(const encoder::TrainReport& report) {
+  const auto memory = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) *
+                      static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+  return {{"backend", report.backend},
+          {"processor", value_in("/proc/cpuinfo", "model name")},
+          {"threads", fmt::format("{}", std::thread::hardware_concurrency())},
+          {"memory", human_bytes(memory)},
+          {"system", value_in("/etc/os-release", "PRETTY_NAME")},
+          {"program", "stgs " STGS_VERSION}};
+}
+
+Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
+  const encoder::TrainReport& report = input.report;
+  Rows rows = {{"scene", input.output},
+               {"capture", fmt::format("{}: {} cameras, {} frames", input.capture.folder,
+                                       input.capture.cameras.size(), input.capture.frames)},
+               {"steps", fmt::format("{}", report.iterations)},
+               {"seconds", fmt::format("{:.1f}", report.seconds)},
+               {"primitives", fmt::format("{}", report.primitives)},
+               {"loss", fmt::format("{:.5f}", report.final_loss)},
+               {"static primitives",
+                fmt::format("{:.1f} %: they live over the whole clip and move by at most {:.3g} "
+                            "scene units over it",
+                            100 * statistics.static_share(), statistics.static_bound)},
+               {"peak memory", human_bytes(report.peak_memory)}};
+  if (report.held_out) {
+    rows.emplace_back(
+        "held-out views",
+        fmt::format("psnr {:.2f} dB, psnr_cc {:.2f} dB, mean of {} pictures", report.held_out->psnr,
+                    report.held_out->psnr_cc, report.held_out->pictures));
+  }
+  return rows;
+}
+
+// Every curve twice: by iteration and by second.
+void add_curves(const encoder::TrainingLog& log, encoder::ReportPage& page) {
+  for (const bool by_time : {false, true}) {
+    const std::string x_label = by_time ? "seconds" : "iteration";
+    const auto x = [by_time](const auto& line) {
+      return by_time ? line.seconds : static_cast<double>(line.iteration);
+    };
+    encoder::ChartSeries loss, primitives, psnr, psnr_cc;
+    psnr.name = "psnr";
+    psnr_cc.name = "psnr_cc";
+    for (const encoder::LoggedStep& step : log.steps) {
+      loss.points.emplace_back(x(step), step.loss);
+      primitives.points.emplace_back(x(step), static_cast<double>(step.primitives));
+    }
+    for (const encoder::LoggedMeasure& measure : log.measures) {
+      psnr.points.emplace_back(x(measure), measure.score.psnr);
+      psnr_cc.points.emplace_back(x(measure), measure.score.psnr_cc);
+    }
+    page.chart({"Loss, running mean", x_label, {loss}});
+    page.chart({"Held-out PSNR, dB", x_label, {psnr, psnr_cc}});
+    page.chart({"Primitives", x_label, {primitives}});
+  }
+}
+
+void add_statistics(const SceneStatistics& statistics, encoder::ReportPage& page) {
+  auto lifespans = encoder::labelled(statistics.lifespans);
+  lifespans.emplace_back("whole clip", static_cast<double>(statistics.whole_clip));
+  page.bars({"Primitives by lifespan, seconds", lifespans});
+  page.bars({"Primitives by speed, scene units a second", encoder::labelled(statistics.speeds)});
+}
+
+// Renders the sample of views from the final scene and writes each beside its truth.
+Status add_renders(const std::string& folder, const TrainReportInput& input,
+                   encoder::ReportPage& page) {
+  auto views = encoder::sample_views(input.capture, true, encoder::kHeldOutPictures);
+  const bool test = !views.empty();
+  if (!test) views = encoder::sample_views(input.capture, false, encoder::kHeldOutPictures);
+  page.heading(test ? "Test cameras, render and truth"
+                    : "No camera was held out: training cameras, render and truth");
+  SplatFrame frame;
+  RasterOutput output;
+  for (const encoder::SampledView& view : views) {
+    const encoder::Camera& camera = input.capture.cameras[view.camera];
+    STGS_ASSIGN(const encoder::Image8 truth,
+                encoder::load_frame(input.capture, camera, view.frame));
+    render(input.scene.gaussians, static_cast<float>(view.frame),
+           camera.pinhole(input.capture.near_plane), {}, frame, output);
+    for (float& v : output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
+    const double psnr =
+        encoder::psnr_of(encoder::mean_squared_error(output.colour, encoder::to_float(truth)));
+    const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
+    STGS_TRY(write_png(folder + "/render_" + name, to_8bit(output.colour)));
+    STGS_TRY(write_png(folder + "/truth_" + name, truth));
+    const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
+    page.picture("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
+    page.picture("truth_" + name, caption + ": truth");
+  }
+  return {};
+}
+
+}  // namespace
+
+Status write_train_report(const std::string& folder, const TrainReportInput& input,
+                          const Session& session) {
+  STGS_ASSIGN(const encoder::TrainingLog log, encoder::read_training_log(input.settings.log_path));
+  const SceneStatistics statistics = scene_statistics(input.scene);
+  encoder::ReportPage page("Trained scene");
+  page.code(session.command);
+  page.table(outcome(input, statistics));
+  page.heading("Training");
+  add_curves(log, page);
+  STGS_TRY(add_renders(folder, input, page));
+  page.heading("Lifespans and motion");
+  page.paragraph(fmt::format(
+      "A lifespan is the time during which a primitive's opacity is at least 1/255. {} of {} "
+      "primitives are never visible.",
+      statistics.never_visible, statistics.primitives));
+  add_statistics(statistics, page);
+  page.heading("Machine");
+  page.table(machine(input.report));
+  page.heading("Hyper-parameters");
+  Rows parameters = input.report.parameters;
+  parameters.insert(parameters.begin(), {{"preset", input.settings.preset},
+                                         {"ablate", input.settings.ablate},
+                                         {"seed", fmt::format("{}", input.settings.seed)}});
+  page.table(parameters);
+  return page.write(folder);
+}
+
+}  // namespace stgs::tools
