@@ -186,8 +186,8 @@ void ReportPage::chart(const Chart& chart) {
                     points, colour);
     if (chart.series.size() > 1) {
       html_ += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"end\" fill=\"{}\">{}</text>\n",
-                           kWidth - kRight, kTop + 14 * (static_cast<double>(i) + 1), colour,
-                           escape_html(chart.series[i].name));
+                           kWidth - kRight, kHeight - kBottom - 8 - 14 * static_cast<double>(i),
+                           colour, escape_html(chart.series[i].name));
     }
   }
   html_ += fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text></svg>\n",

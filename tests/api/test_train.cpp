@@ -167,6 +167,26 @@ TEST_CASE("the sample of views is spread over cameras and time") {
   CHECK(sample_views(capture, true, 8).size() == 4);
 }
 
+TEST_CASE("the coupled representation trains, and resumes to the same bits") {
+  const SyntheticCapture synthetic("train_coupled");
+  TrainSettings settings = short_run(400);
+  settings.ablate = "representation";
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 150;
+  TrainReport report;
+  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, &report);
+  REQUIRE(whole.ok());
+  CHECK(held_out_psnr(synthetic, whole->gaussians) > 22.0);
+  std::filesystem::remove(settings.checkpoint);
+  REQUIRE_FALSE(run(synthetic, settings, [&](const Progress& progress) {
+                  return progress.stage != "train" || !std::filesystem::exists(settings.checkpoint);
+                }).ok());
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = run(synthetic, settings);
+  REQUIRE(resumed.ok());
+  CHECK(same(whole->gaussians, resumed->gaussians));
+}
+
 TEST_CASE("a checkpoint is only for the settings and the capture that it was made with") {
   SyntheticCapture synthetic("train_fingerprint");
   TrainSettings settings = short_run(10);
@@ -213,6 +233,12 @@ TEST_CASE("every ablation takes away what its name says") {
   REQUIRE(both.ok());
   for (float r : both->gaussians.radius) CHECK(r == 0.0f);
   for (float s : both->gaussians.sigma) CHECK(s > 6.0f);
+
+  settings.ablate = "representation";
+  const Result<Scene> representation = run(synthetic, settings);
+  REQUIRE(representation.ok());
+  for (float r : representation->gaussians.radius) CHECK(r == 0.0f);
+  CHECK_FALSE(same(representation->gaussians, lifespan->gaussians));
 
   settings.ablate = "densification";
   const Result<Scene> densification = run(synthetic, settings);

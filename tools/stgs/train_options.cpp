@@ -35,7 +35,8 @@ void TrainOptions::declare(CLI::App& app) {
       ->needs(checkpoint)
       ->group(group);
   app.add_option("--ablate", ablate_,
-                 "Leave out, with commas: lifespan (r = 0), modulation (f = 1), initialisation (no "
+                 "Leave out, with commas: representation (4DGS's coupled one instead), lifespan (r "
+                 "= 0), modulation (f = 1), initialisation (no "
                  "dynamic points, v = 0), densification (as 3DGS and 4DGS instead)")
       ->check(CLI::IsMember(encoder::ablation_names()))
       ->delimiter(',')

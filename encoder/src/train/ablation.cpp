@@ -13,7 +13,8 @@ struct Named {
   const char* name;
   bool Ablation::*part;
 };
-constexpr Named kNamed[] = {{"lifespan", &Ablation::lifespan},
+constexpr Named kNamed[] = {{"representation", &Ablation::representation},
+                            {"lifespan", &Ablation::lifespan},
                             {"modulation", &Ablation::modulation},
                             {"initialisation", &Ablation::initialisation},
                             {"densification", &Ablation::densification}};
@@ -39,6 +40,7 @@ Result<Ablation> Ablation::from_names(const std::string& names) {
     }
     ablation.*named->part = false;
   }
+  if (!ablation.representation) ablation.lifespan = ablation.modulation = false;
   return ablation;
 }
 

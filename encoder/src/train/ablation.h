@@ -10,6 +10,8 @@ namespace stgs::encoder {
 
 // True: as in the paper.
 struct Ablation {
+  // False: the coupled 4D Gaussian of 4DGS (encoder/math/coupled.h), which has neither r nor f.
+  bool representation = true;
   bool lifespan = true;        // false: r stays 0, so that l(t) is a Gaussian
   bool modulation = true;      // false: f = 1
   bool initialisation = true;  // false: one long-lived, motionless cloud, no dynamic points

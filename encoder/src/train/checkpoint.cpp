@@ -13,7 +13,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '1'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '2'};
 
 class Writer {
  public:
@@ -80,6 +80,7 @@ void visit_state(State& state, Archive& archive) {
   archive.value(state.seconds);
   archive.value(state.mean_loss);
   archive.value(state.set.sh_degree);
+  archive.value(state.coupled.tick);
   archive.array(state.set.velocity);
   archive.array(state.set.sigma);
   for (int a = 0; a < kAttributes; ++a) {
@@ -96,6 +97,16 @@ void visit_state(State& state, Archive& archive) {
   archive.array(state.colour_first);
   archive.array(state.colour_second);
   archive.array(state.colour_updates);
+}
+
+// Makes room for what the coupled form leaves out of a checkpoint, since it follows from it.
+void restore_derived(TrainState& state) {
+  if (!state.is_coupled()) return;
+  const std::size_t n = state.set.opacity_logit.size();
+  state.set.log_scale.resize(3 * n);
+  state.set.rotation.resize(4 * n);
+  state.velocity.resize(3 * n);
+  state.log_sigma.resize(n);
 }
 
 // All arrays agree on N and on the number of cameras.
@@ -147,9 +158,11 @@ Result<TrainState> read_checkpoint(const std::string& path, const std::string& f
   reader.array(found);
   TrainState state;
   visit_state(state, reader);
+  restore_derived(state);
   if (!reader.complete() || !consistent(state)) {
     return invalid_file("{}: the checkpoint's arrays do not fit together", path);
   }
+  if (state.is_coupled()) state.derive_all(false);
   if (found != fingerprint) {
     return usage_error(
         "{}: the checkpoint belongs to other settings or another capture; resume with those it was "

@@ -11,6 +11,7 @@
 
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
+#include "train/coupled_state.h"
 #include "train/random.h"
 
 namespace stgs::encoder {
@@ -162,6 +163,11 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
   state.colour_second.assign(training_cameras, ColourMap{});
   state.colour_updates.assign(training_cameras, 0);
   state.derive_all(ablation.modulation);
+  if (!ablation.representation) {
+    // Seconds, as in 4DGS: in frames, a step of the rotations would move far what lives long.
+    start_coupled(state, static_cast<float>(capture.time_base.seconds(1)));
+    state.derive_all(false);
+  }
   return state;
 }
 

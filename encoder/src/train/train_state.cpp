@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "stgs/format/math/lifespan.h"
+#include "train/coupled_state.h"
 
 namespace stgs::encoder {
 
@@ -20,9 +21,10 @@ int TrainState::components(int attribute) const {
   switch (attribute) {
     case kRotation:
       return 4;
+    case kVelocity:
+      return is_coupled() ? 4 : 3;
     case kPosition:
     case kLogScale:
-    case kVelocity:
       return 3;
     case kSh:
       return 3 * set.sh_coefficients();
@@ -36,9 +38,9 @@ const std::vector<float>& TrainState::values(int attribute) const {
     case kPosition:
       return set.position;
     case kLogScale:
-      return set.log_scale;
+      return is_coupled() ? coupled.log_scale : set.log_scale;
     case kRotation:
-      return set.rotation;
+      return is_coupled() ? coupled.left : set.rotation;
     case kOpacity:
       return set.opacity_logit;
     case kSh:
@@ -46,9 +48,9 @@ const std::vector<float>& TrainState::values(int attribute) const {
     case kTime:
       return set.time;
     case kVelocity:
-      return velocity;
+      return is_coupled() ? coupled.right : velocity;
     case kLogSigma:
-      return log_sigma;
+      return is_coupled() ? coupled.log_time : log_sigma;
     default:
       return set.radius;
   }
@@ -62,6 +64,11 @@ void TrainState::resize(std::size_t n) {
   set.resize(n);
   velocity.resize(3 * n, 0.0f);
   log_sigma.resize(n, 0.0f);
+  if (is_coupled()) {
+    for (int a : {kLogScale, kRotation, kVelocity, kLogSigma}) {
+      values(a).resize(n * components(a), 0.0f);
+    }
+  }
   for (int a = 0; a < kAttributes; ++a) {
     moments[a].first.resize(n * components(a), 0.0f);
     moments[a].second.resize(n * components(a), 0.0f);
@@ -74,6 +81,10 @@ void TrainState::resize(std::size_t n) {
 }
 
 void TrainState::derive(std::size_t i, bool modulated) {
+  if (is_coupled()) {
+    derive_from_coupled(*this, i);
+    return;
+  }
   const float sigma = std::exp(log_sigma[i]);
   const float f = modulated ? math::lifespan_modulation(sigma, set.radius[i]) : 1.0f;
   set.sigma[i] = sigma;
@@ -97,6 +108,9 @@ void TrainState::keep(const std::vector<std::uint32_t>& indices) {
   set = set.gather(indices);
   gather(velocity, 3);
   gather(log_sigma, 1);
+  if (is_coupled()) {
+    for (int a : {kLogScale, kRotation, kVelocity, kLogSigma}) gather(values(a), components(a));
+  }
   for (int a = 0; a < kAttributes; ++a) {
     gather(moments[a].first, components(a));
     gather(moments[a].second, components(a));
@@ -125,6 +139,12 @@ void TrainState::copy_parameters(std::size_t from, std::size_t to) {
   for (int a = 0; a < kAttributes; ++a) copy(values(a), components(a));
   copy(set.velocity, 3);
   copy(set.sigma, 1);
+  if (is_coupled()) {
+    copy(set.log_scale, 3);
+    copy(set.rotation, 4);
+    copy(velocity, 3);
+    copy(log_sigma, 1);
+  }
   clear_moments(to);
 }
 

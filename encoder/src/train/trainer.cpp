@@ -155,6 +155,7 @@ StepInput Trainer::step_input() {
   input.gather_statistics = densify_plan(p, ablation_, done, false).gather;
   input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
   input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
+  if (state_.is_coupled()) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);
   input.rates[kLogScale] = static_cast<float>(p.lr_scale);
   input.rates[kRotation] = static_cast<float>(p.lr_rotation);
   input.rates[kOpacity] = static_cast<float>(p.lr_opacity);

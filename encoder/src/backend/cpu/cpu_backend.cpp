@@ -15,6 +15,7 @@
 #include "stgs/format/raster.h"
 #include "train/adam.h"
 #include "train/colour_correction.h"
+#include "train/coupled_state.h"
 #include "train/image_loss.h"
 
 namespace stgs::encoder {
@@ -59,6 +60,7 @@ StepOutput CpuBackend::step(const StepInput& input) {
   const ColourMap d_map =
       colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
   cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_);
+  gradients_.with_covariance = state_->is_coupled();
   cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,
                         gradients_);
   // With f = 1 the effective velocity is the learnt one.
@@ -103,6 +105,8 @@ void CpuBackend::gather(const StepInput& input, std::size_t splat) {
 void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
   TrainState& state = *state_;
   const std::uint32_t i = frame_.splats[splat].id;
+  // The covariance's gradient holds it already, and only the regulariser's is added here.
+  if (state.is_coupled()) std::fill_n(&gradients_.log_scale[3 * splat], 3, 0.0f);
   cpu::regularise(state, frame_.splats.size(), i, input, gradients_.log_scale.data() + 3 * splat,
                   gradients_.opacity_logit[splat], gradients_.sigma[splat],
                   gradients_.radius[splat]);
@@ -116,13 +120,24 @@ void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
     adam_step(state.values(attribute).data() + at, moments.first.data() + at,
               moments.second.data() + at, gradient, n, rate, correction);
   };
+  if (state.is_coupled()) {
+    const math::Coupled by =
+        coupled_backward(state, i,
+                         {gradients_.covariance[splat], &gradients_.log_scale[3 * splat],
+                          &gradients_.velocity[3 * splat], gradients_.sigma[splat]});
+    apply(kLogScale, &by.scale.x, 3, input.rates[kLogScale]);
+    apply(kRotation, &by.left.w, 4, input.rates[kRotation]);
+    apply(kVelocity, &by.right.w, 4, input.rates[kVelocity]);
+    apply(kLogSigma, &by.time, 1, input.rates[kLogSigma]);
+  } else {
+    apply(kLogScale, gradients_.log_scale.data() + 3 * splat, 3, input.rates[kLogScale]);
+    apply(kRotation, gradients_.rotation.data() + 4 * splat, 4, input.rates[kRotation]);
+    apply(kVelocity, gradients_.velocity.data() + 3 * splat, 3, input.rates[kVelocity]);
+    apply(kLogSigma, &d_log_sigma, 1, input.rates[kLogSigma]);
+  }
   apply(kPosition, gradients_.position.data() + 3 * splat, 3, input.rates[kPosition]);
-  apply(kLogScale, gradients_.log_scale.data() + 3 * splat, 3, input.rates[kLogScale]);
-  apply(kRotation, gradients_.rotation.data() + 4 * splat, 4, input.rates[kRotation]);
   apply(kOpacity, &gradients_.opacity_logit[splat], 1, input.rates[kOpacity]);
   apply(kTime, &gradients_.time[splat], 1, input.rates[kTime]);
-  apply(kVelocity, gradients_.velocity.data() + 3 * splat, 3, input.rates[kVelocity]);
-  apply(kLogSigma, &d_log_sigma, 1, input.rates[kLogSigma]);
   if (input.learn_radius) {
     apply(kRadius, &gradients_.radius[splat], 1, input.rates[kRadius]);
     state.set.radius[i] = std::max(state.set.radius[i], 0.0f);

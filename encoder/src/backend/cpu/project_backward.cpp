@@ -72,6 +72,7 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
 
   write3(out.position, s, by_motion.position);
   write3(out.velocity, s, by_motion.u);
+  if (out.with_covariance) out.covariance[s] = by_projection.covariance;
   write3(out.log_scale, s,
          {by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
           by_covariance.scale.z * scale.z});
@@ -92,6 +93,7 @@ void PrimitiveGradients::resize(std::size_t splats, int coefficients) {
   sh_coefficients = coefficients;
   for (auto* array : {&position, &log_scale, &velocity}) array->resize(3 * splats);
   rotation.resize(4 * splats);
+  if (with_covariance) covariance.resize(splats);
   sh.resize(splats * 3 * static_cast<std::size_t>(coefficients));
   for (auto* array : {&opacity_logit, &time, &sigma, &radius}) array->resize(splats);
 }

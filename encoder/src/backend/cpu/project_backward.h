@@ -23,6 +23,10 @@ struct PrimitiveGradients {
   std::vector<float> velocity;       // S x 3, by the effective velocity u = v / f
   std::vector<float> sigma;          // S, through visibility alone
   std::vector<float> radius;         // S, through visibility alone
+  // By the covariance, xx xy xz yy yz zz as math::Sym3; the same as log_scale and rotation hold
+  // together. Only where asked for.
+  bool with_covariance = false;
+  std::vector<math::Sym3> covariance;  // S
 
   void resize(std::size_t splats, int coefficients);
   std::size_t size() const { return opacity_logit.size(); }

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// The coupled 4D Gaussian of 4DGS (Yang et al., ICLR 2024), which an ablation trains in place of
+// the paper's representation, in the same subset of C++, CUDA and GLSL as format/math. A primitive
+// is a Gaussian over (time, x, y, z) with covariance (R S)(R S)', S its standard deviations and R
+// the rotation x -> left x right of two unit quaternions, of which time is the real part.
+// Conditioned on a moment it is a 3D Gaussian that moves with constant velocity and fades as a
+// Gaussian in time: exactly a primitive of format/math with r = 0. Time and space mix, so time has
+// a unit of its own.
+#ifndef STGS_ENCODER_MATH_COUPLED_H
+#define STGS_ENCODER_MATH_COUPLED_H
+
+#include "grad.h"
+
+STGS_MATH_BEGIN
+
+STGS_FN Quat quat_of(float w, float x, float y, float z) {
+  Quat q;
+  q.w = w;
+  q.x = x;
+  q.y = y;
+  q.z = z;
+  return q;
+}
+
+STGS_FN Quat quat_mul(Quat a, Quat b) {
+  return quat_of(
+      a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+      a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w);
+}
+
+STGS_FN Quat quat_conjugate(Quat q) {
+  return quat_of(q.w, -q.x, -q.y, -q.z);
+}
+
+STGS_FN float quat_dot(Quat a, Quat b) {
+  return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+STGS_FN Quat quat_scale(Quat q, float s) {
+  return quat_of(q.w * s, q.x * s, q.y * s, q.z * s);
+}
+
+STGS_FN Quat quat_add(Quat a, Quat b) {
+  return quat_of(a.w + b.w, a.x + b.x, a.y + b.y, a.z + b.z);
+}
+
+STGS_FN Quat quat_normalised(Quat q) {
+  return quat_scale(q, 1.0f / sqrt(quat_dot(q, q)));
+}
+
+// The gradient by q from the one by n = q / |q|.
+STGS_FN Quat quat_normalised_grad(Quat q, Quat grad) {
+  Quat n = quat_normalised(q);
+  Quat across = quat_add(grad, quat_scale(n, -quat_dot(n, grad)));
+  return quat_scale(across, 1.0f / sqrt(quat_dot(q, q)));
+}
+
+// Parameters; quaternions of any length but 0, standard deviations along the axes before R.
+struct Coupled {
+  Quat left, right;
+  float time;  // units of time
+  Vec3 scale;  // scene units
+};
+
+// R S: the images of the time axis and of the three axes of space, as vectors (time, x, y, z).
+struct CoupledAxes {
+  Quat t, x, y, z;
+};
+
+STGS_FN CoupledAxes coupled_axes(Coupled g) {
+  Quat l = quat_normalised(g.left);
+  Quat r = quat_normalised(g.right);
+  CoupledAxes a;
+  a.t = quat_scale(quat_mul(l, r), g.time);
+  a.x = quat_scale(quat_mul(l, quat_mul(quat_of(0.0f, 1.0f, 0.0f, 0.0f), r)), g.scale.x);
+  a.y = quat_scale(quat_mul(l, quat_mul(quat_of(0.0f, 0.0f, 1.0f, 0.0f), r)), g.scale.y);
+  a.z = quat_scale(quat_mul(l, quat_mul(quat_of(0.0f, 0.0f, 0.0f, 1.0f), r)), g.scale.z);
+  return a;
+}
+
+// Rows of R S: entry k of row j is coordinate j of axis k.
+struct CoupledRows {
+  Quat t, x, y, z;
+};
+
+STGS_FN CoupledRows coupled_rows(CoupledAxes a) {
+  CoupledRows r;
+  r.t = quat_of(a.t.w, a.x.w, a.y.w, a.z.w);
+  r.x = quat_of(a.t.x, a.x.x, a.y.x, a.z.x);
+  r.y = quat_of(a.t.y, a.x.y, a.y.y, a.z.y);
+  r.z = quat_of(a.t.z, a.x.z, a.y.z, a.z.z);
+  return r;
+}
+
+// The 3D Gaussian at a moment: of constant covariance, moving with u, fading with sigma.
+struct Conditional {
+  Vec3 u;           // scene units a unit of time
+  float sigma;      // of l(t) = exp(-(dt / sigma)^2), units of time
+  Sym3 covariance;  // scene units^2
+};
+
+STGS_FN Conditional coupled_conditional(Coupled g) {
+  CoupledRows r = coupled_rows(coupled_axes(g));
+  float variance = quat_dot(r.t, r.t);
+  Conditional c;
+  c.u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
+                quat_dot(r.z, r.t) / variance);
+  c.sigma = sqrt(2.0f * variance);
+  // What is left of the rows of space across the row of time.
+  Quat x = quat_add(r.x, quat_scale(r.t, -c.u.x));
+  Quat y = quat_add(r.y, quat_scale(r.t, -c.u.y));
+  Quat z = quat_add(r.z, quat_scale(r.t, -c.u.z));
+  c.covariance.xx = quat_dot(x, x);
+  c.covariance.xy = quat_dot(x, y);
+  c.covariance.xz = quat_dot(x, z);
+  c.covariance.yy = quat_dot(y, y);
+  c.covariance.yz = quat_dot(y, z);
+  c.covariance.zz = quat_dot(z, z);
+  return c;
+}
+
+// From the gradient by the conditional to the one by the parameters; standard deviations as they
+// are (times them: by their logarithms).
+STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
+  CoupledAxes axes = coupled_axes(g);
+  CoupledRows r = coupled_rows(axes);
+  float variance = quat_dot(r.t, r.t);
+  float inverse = 1.0f / variance;
+  Vec3 u = vec3_of(quat_dot(r.x, r.t) * inverse, quat_dot(r.y, r.t) * inverse,
+                   quat_dot(r.z, r.t) * inverse);
+  Quat x = quat_add(r.x, quat_scale(r.t, -u.x));
+  Quat y = quat_add(r.y, quat_scale(r.t, -u.y));
+  Quat z = quat_add(r.z, quat_scale(r.t, -u.z));
+  // By what is left of the rows; across the row of time, so that none goes through u.
+  Quat dx = quat_add(quat_scale(x, 2.0f * d.covariance.xx),
+                     quat_add(quat_scale(y, d.covariance.xy), quat_scale(z, d.covariance.xz)));
+  Quat dy = quat_add(quat_scale(y, 2.0f * d.covariance.yy),
+                     quat_add(quat_scale(x, d.covariance.xy), quat_scale(z, d.covariance.yz)));
+  Quat dz = quat_add(quat_scale(z, 2.0f * d.covariance.zz),
+                     quat_add(quat_scale(x, d.covariance.xz), quat_scale(y, d.covariance.yz)));
+  Quat dt = quat_scale(
+      quat_add(quat_scale(dx, u.x), quat_add(quat_scale(dy, u.y), quat_scale(dz, u.z))), -1.0f);
+  // Through u = row . row_t / variance; row - 2 u row_t is x - u row_t.
+  dt = quat_add(dt, quat_scale(quat_add(x, quat_scale(r.t, -u.x)), d.u.x * inverse));
+  dt = quat_add(dt, quat_scale(quat_add(y, quat_scale(r.t, -u.y)), d.u.y * inverse));
+  dt = quat_add(dt, quat_scale(quat_add(z, quat_scale(r.t, -u.z)), d.u.z * inverse));
+  dx = quat_add(dx, quat_scale(r.t, d.u.x * inverse));
+  dy = quat_add(dy, quat_scale(r.t, d.u.y * inverse));
+  dz = quat_add(dz, quat_scale(r.t, d.u.z * inverse));
+  // Through sigma = sqrt(2 variance).
+  dt = quat_add(dt, quat_scale(r.t, 2.0f * d.sigma / sqrt(2.0f * variance)));
+
+  // By the axes, then by what scales and turns them.
+  Quat at = quat_of(dt.w, dx.w, dy.w, dz.w);
+  Quat ax = quat_of(dt.x, dx.x, dy.x, dz.x);
+  Quat ay = quat_of(dt.y, dx.y, dy.y, dz.y);
+  Quat az = quat_of(dt.z, dx.z, dy.z, dz.z);
+  Coupled out;
+  out.time = quat_dot(at, axes.t) / g.time;
+  out.scale = vec3_of(quat_dot(ax, axes.x) / g.scale.x, quat_dot(ay, axes.y) / g.scale.y,
+                      quat_dot(az, axes.z) / g.scale.z);
+  at = quat_scale(at, g.time);
+  ax = quat_scale(ax, g.scale.x);
+  ay = quat_scale(ay, g.scale.y);
+  az = quat_scale(az, g.scale.z);
+  // Axis k is l e_k r: by l it is a_k (e_k r)*, by e_k r it is l* a_k, by r it is e_k* l* a_k.
+  Quat l = quat_normalised(g.left);
+  Quat r1 = quat_normalised(g.right);
+  Quat ei = quat_of(0.0f, 1.0f, 0.0f, 0.0f);
+  Quat ej = quat_of(0.0f, 0.0f, 1.0f, 0.0f);
+  Quat ek = quat_of(0.0f, 0.0f, 0.0f, 1.0f);
+  Quat by_l = quat_add(
+      quat_add(quat_mul(at, quat_conjugate(r1)), quat_mul(ax, quat_conjugate(quat_mul(ei, r1)))),
+      quat_add(quat_mul(ay, quat_conjugate(quat_mul(ej, r1))),
+               quat_mul(az, quat_conjugate(quat_mul(ek, r1)))));
+  Quat lc = quat_conjugate(l);
+  Quat by_r = quat_add(quat_add(quat_mul(lc, at), quat_mul(quat_conjugate(ei), quat_mul(lc, ax))),
+                       quat_add(quat_mul(quat_conjugate(ej), quat_mul(lc, ay)),
+                                quat_mul(quat_conjugate(ek), quat_mul(lc, az))));
+  out.left = quat_normalised_grad(g.left, by_l);
+  out.right = quat_normalised_grad(g.right, by_r);
+  return out;
+}
+
+STGS_MATH_END
+
+#endif
