@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Trains a prepared capture and measures what it costs and what it gives on the held-out cameras.
-// Usage: bench_train DIR [preset=fast] [iterations=N] [max_seconds=S] [ablate=NAME] [seed=N]
+// Usage: bench_train DIR [preset=fast] [iterations=N] [max_seconds=S] [ablate=NAMES] [seed=N]
 //                    [hyper-parameter=value ...]
 // Prints one JSON object: seconds, steps a second, primitives, loss, PSNR of
 // every held-out camera (mean over its frames), peak memory.
@@ -9,6 +9,7 @@
 #include <cstring>
 #include <string>
 
+#include "stgs/encoder/metrics.h"
 #include "stgs/encoder/train.h"
 #include "stgs/format/raster.h"
 
@@ -17,17 +18,9 @@ using namespace stgs::encoder;
 
 namespace {
 
-double psnr(const Image& shown, const Image8& truth) {
-  double squares = 0;
-  const std::size_t pixels = std::size_t{1} * shown.width * shown.height;
-  for (int c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < pixels; ++i) {
-      const double v = std::fmin(1.0, std::fmax(0.0, shown.plane(c)[i]));
-      const double d = v - truth.data[3 * i + c] / 255.0;
-      squares += d * d;
-    }
-  }
-  return -10.0 * std::log10(squares / (3.0 * static_cast<double>(pixels)));
+double psnr(Image& shown, const Image8& truth) {
+  for (float& v : shown.data) v = std::fmin(1.0f, std::fmax(0.0f, v));
+  return psnr_of(mean_squared_error(shown, to_float(truth)));
 }
 
 bool set_option(const std::string& name, const std::string& value, TrainSettings& settings) {

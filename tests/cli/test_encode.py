@@ -215,6 +215,8 @@ class Training(CliTest):
         report = self.json_of("evaluate", "out.stgs", "--against", self.fixture("prepared"))
         self.assertAlmostEqual(report["psnr"], with_them["held_out"]["psnr"], 3)
         self.assertAlmostEqual(report["psnr_cc"], with_them["held_out"]["psnr_cc"], 3)
+        shown = self.succeeds(*args, "--held-out", "2", "--progress", "json").stderr.decode()
+        self.assertRegex(shown.splitlines()[-1], r"held-out psnr \d+\.\d\d dB")
         without = self.json_of(*args, "--held-out", "0")
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
