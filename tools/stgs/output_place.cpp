@@ -31,7 +31,7 @@ Status check_parent(const std::string& path) {
   return {};
 }
 
-// The name of a work folder is a process id between these two.
+// The name of a work folder, or of a temporary file, is a process id between these two.
 struct NameParts {
   std::string before, after;
 };
@@ -53,6 +53,24 @@ bool is_stale(const std::string& name, const NameParts& parts) {
   return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
 }
 
+std::vector<std::string> remove_stale(const fs::path& whole, const NameParts& parts,
+                                      fs::file_type type) {
+  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
+  std::vector<fs::path> stale;
+  std::error_code error;
+  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
+    std::error_code ignored;  // what cannot be looked at is not ours to remove
+    const bool fits = it->symlink_status(ignored).type() == type;
+    if (fits && is_stale(it->path().filename().string(), parts)) stale.push_back(it->path());
+  }
+  std::vector<std::string> removed;
+  for (const fs::path& found : stale) {
+    fs::remove_all(found, error);
+    if (!error) removed.push_back(found.lexically_normal().string());
+  }
+  return removed;
+}
+
 }  // namespace
 
 std::string work_name(const std::string& path) {
@@ -63,22 +81,14 @@ std::string work_name(const std::string& path) {
 }
 
 std::vector<std::string> remove_stale_work(const std::string& path) {
+  return remove_stale(path, work_parts(path), fs::file_type::directory);
+}
+
+std::vector<std::string> remove_stale_files(const std::string& path) {
   const fs::path whole(path);
-  const NameParts parts = work_parts(whole);
-  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
-  std::vector<fs::path> stale;
-  std::error_code error;
-  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
-    std::error_code ignored;  // what cannot be looked at is not ours to remove
-    const bool folder = it->symlink_status(ignored).type() == fs::file_type::directory;
-    if (folder && is_stale(it->path().filename().string(), parts)) stale.push_back(it->path());
-  }
-  std::vector<std::string> removed;
-  for (const fs::path& folder : stale) {
-    fs::remove_all(folder, error);
-    if (!error) removed.push_back(folder.lexically_normal().string());
-  }
-  return removed;
+  const NameParts parts = {fmt::format(".{}.", whole.stem().string()),
+                           fmt::format(".tmp{}", whole.extension().string())};
+  return remove_stale(whole, parts, fs::file_type::regular);
 }
 
 Status check_can_write(const std::string& path) {

@@ -15,6 +15,8 @@ std::string work_name(const std::string& path);
 // Removes the folders that work_name gave to processes that have ended without removing them, on
 // this machine, and returns their names. A folder that cannot be removed stays.
 std::vector<std::string> remove_stale_work(const std::string& path);
+// The same for the files that temporary_name(path) gave.
+std::vector<std::string> remove_stale_files(const std::string& path);
 
 // Whether a file can be made at `path`: its folder exists and takes files, and nothing but a
 // regular file is in the way. Asked before long work, so that hours are not lost at the end.

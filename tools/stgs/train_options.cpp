@@ -120,6 +120,11 @@ Status train_to_file(const std::string& folder, const std::string& output,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
                      Session& session, encoder::TrainReport& report) {
   STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
+  if (!settings.checkpoint.empty()) {
+    for (const std::string& file : remove_stale_files(settings.checkpoint)) {
+      session.log(2, fmt::format("{}: removed, a killed training had left it", file));
+    }
+  }
   if (!report_folder.empty()) {
     std::error_code error;
     std::filesystem::create_directories(report_folder, error);
