@@ -115,7 +115,19 @@ class Preparing(CliTest):
         self.assertEqual(os.listdir(self.work), [])
 
 
-class Training(CliTest):
+class Paging(CliTest):
+    def page(self, folder):
+        """index.html, which must stand alone: no script, nothing from elsewhere, no lost file."""
+        text = self.read(os.path.join(folder, "index.html")).decode()
+        self.assertNotRegex(text, r"<script|https?:|<link|@import")
+        for name in re.findall(r'src="([^"]+)"', text):
+            self.assertTrue(os.path.exists(self.path(folder, urllib.parse.unquote(name))), name)
+        for svg in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
+            xml.etree.ElementTree.fromstring(svg)
+        return text
+
+
+class Training(Paging):
     def train(self, *more):
         return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast", *more]
 
@@ -220,16 +232,6 @@ class Training(CliTest):
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
-    def page(self, folder):
-        """index.html, which must stand alone: no script, nothing from elsewhere, no lost file."""
-        text = self.read(os.path.join(folder, "index.html")).decode()
-        self.assertNotRegex(text, r"<script|https?:|<link|@import")
-        for name in re.findall(r'src="([^"]+)"', text):
-            self.assertTrue(os.path.exists(self.path(folder, urllib.parse.unquote(name))), name)
-        for svg in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
-            xml.etree.ElementTree.fromstring(svg)
-        return text
-
     def test_the_report_shows_the_run_and_the_final_scene(self):
         args = self.train("--iterations", "120", "--max-primitives", "300", "--seed", "3", "--set",
                           "prune_opacity=0.004", "--report", "a <b>/page")
@@ -294,7 +296,7 @@ class Training(CliTest):
         self.assertEqual(os.listdir(self.work), ["run.ckpt"])
 
 
-class Encoding(CliTest):
+class Encoding(Paging):
     def setUp(self):
         super().setUp()
         if not harness.built_in("encode"):
@@ -337,6 +339,13 @@ class Encoding(CliTest):
                 self.assertEqual(f"{left[0]}: removed" in error, stage == "train", error)
                 self.assertEqual(self.read("out.stgs"), b"old")
                 self.assertEqual(sorted(os.listdir(self.work)), sorted(["out.stgs", *kept]))
+
+    def test_an_encode_leaves_its_file_and_its_report(self):
+        report = self.json_of("encode", sample(), "-o", "out.stgs", "--scale", "0.25", "--frames",
+                              "0:2", "--preset", "fast", "--iterations", "10", "--report", "page")
+        self.assertEqual(report["train"]["held_out"]["pictures"], 2)
+        self.assertIn("Test cameras, render and truth", self.page("page"))
+        self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])
 
     def test_what_encode_refuses(self):
         self.fails(IO, "cannot create", "encode", sample(), "-o", "/proc/out.stgs")
