@@ -169,8 +169,11 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
   input.weight_scale = 0.05f;
   input.weight_lifespan = 0.1f;
   const auto backend = make_cpu_backend();
-  backend->begin(state);
-  const auto loss = [&] { return backend->step(input).loss; };
+  REQUIRE(backend->begin(state).ok());
+  const auto loss = [&] {
+    REQUIRE(backend->step(input).ok());
+    return backend->read()->back().loss;
+  };
   loss();
   const std::array<Moments, kAttributes> moments = state.moments;
   for (int a : {kLogScale, kRotation, kVelocity, kLogSigma, kPosition, kTime}) {

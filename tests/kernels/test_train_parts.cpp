@@ -15,6 +15,7 @@
 #include "train/colour_correction.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
+#include "train/densify_rules.h"
 #include "train/random.h"
 
 using namespace stgs;
@@ -160,7 +161,7 @@ TEST_CASE("the regularisers' gradients match finite differences of their loss") 
 
 TEST_CASE("two clones let as much light through as the one they came from") {
   for (const float logit : {-4.0f, -1.0f, 0.0f, 2.0f, 6.0f}) {
-    const float copy = math::opacity_of(cloned_opacity_logit(logit));
+    const float copy = math::opacity_of(cloned_logit(logit));
     CHECK((1 - copy) * (1 - copy) == Approx(1 - math::opacity_of(logit)).epsilon(1e-3));
   }
 }

@@ -57,10 +57,9 @@ void TrainOptions::declare(CLI::App& app) {
 }
 
 Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common) const {
-  if (common.backend != "auto" && common.backend != "cpu") {
-    return not_built("backend '{}' cannot train in this build; use --backend cpu", common.backend);
-  }
+  STGS_TRY(encoder::check_train_backend(common.backend));
   encoder::TrainSettings settings;
+  settings.backend = common.backend;
   settings.preset = preset_;
   settings.iterations = iterations_;
   settings.max_primitives = max_primitives_;

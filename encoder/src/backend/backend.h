@@ -7,22 +7,25 @@
 #include <cstddef>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
+#include "train/densify.h"
+#include "train/hyper_parameters.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
 
 struct StepInput {
   math::PinholeCamera camera;
-  float ticks = 0;                         // moment, frames
-  const Image8* truth = nullptr;           // the camera's size
-  std::size_t colour_index = 0;            // which colour correction
-  int sh_degree = 0;                       // harmonics in use
-  bool modulated = true;                   // false: f = 1
-  bool learn_radius = true;                // false: r stays as it is
-  bool second_stage = false;               // L_opacity is on
-  bool gather_statistics = false;          // for densification
+  float ticks = 0;                 // moment, frames
+  const Image8* truth = nullptr;   // the camera's size; one address is one picture through a run
+  std::size_t colour_index = 0;    // which colour correction
+  int sh_degree = 0;               // harmonics in use
+  bool modulated = true;           // false: f = 1
+  bool learn_radius = true;        // false: r stays as it is
+  bool second_stage = false;       // L_opacity is on
+  bool gather_statistics = false;  // for densification
   std::array<float, kAttributes> rates{};  // learning rates; kSh: of the harmonics above degree 0
   float rate_sh0 = 0;
   float rate_colour = 0;
@@ -36,18 +39,49 @@ struct StepOutput {
   std::size_t visible = 0;  // primitives drawn
 };
 
+struct DensifyInput {
+  const HyperParameters* parameters = nullptr;
+  DensifyContext context;
+  bool refining = false;       // replace() of the second stage instead of grow()
+  bool reset_opacity = false;  // afterwards
+};
+
+// What a run will need at most, told before it starts.
+struct TrainPlan {
+  std::size_t primitives = 0;
+  int sh_coefficients = 1;    // stored
+  int width = 0, height = 0;  // of the largest picture
+  bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
+};
+
 // One thread calls it; it uses many. The state is the backend's between begin and synchronise.
 class TrainBackend {
  public:
   virtual ~TrainBackend() = default;
+  // Refuses a run that does not fit in memory, and what it cannot train: what it needs, what there
+  // is, what to do.
+  virtual Status reserve(const TrainPlan& plan) = 0;
   // Works on this state from now on (not owned; outlives the backend or the next begin).
-  virtual void begin(TrainState& state) = 0;
-  virtual StepOutput step(const StepInput& input) = 0;
+  virtual Status begin(TrainState& state) = 0;
+  // Starts a step. It may still be under way when this returns, and its error may be told by a
+  // later call; the truth stays as it is until read() or synchronise().
+  virtual Status step(const StepInput& input) = 0;
+  // grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The random
+  // numbers are of the state's iteration, which is the host's.
+  virtual Result<DensifyCounts> densify(const DensifyInput& input) = 0;
+  // Primitives that there are now.
+  virtual std::size_t size() const = 0;
+  // What the steps since the last read() gave, in their order; waits for them.
+  virtual Result<std::vector<StepOutput>> read() = 0;
   // After this the state holds everything that the steps have done.
-  virtual void synchronise() = 0;
+  virtual Status synchronise() = 0;
   virtual std::string name() const = 0;
 };
 
 std::unique_ptr<TrainBackend> make_cpu_backend();
+// The first GPU; kUnsupported where there is none, kNotBuilt in a build without CUDA.
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend();
+// "cpu", "cuda", or "auto": CUDA where this build and machine have it, else the CPU.
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name);
 
 }  // namespace stgs::encoder

@@ -5,32 +5,19 @@
 #include <cmath>
 #include <numeric>
 
-#include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
-#include "stgs/format/math/project.h"
-#include "train/random.h"
-
 namespace stgs::encoder {
 namespace {
 
-constexpr float kSplitShrink = 1.6f;  // of the standard deviations of both halves (3DGS)
-constexpr float kCloneSpread = 0.3f;  // share of the own size that a clone is moved by
-constexpr float kResetOpacity = 0.01f;
-
-float largest_scale(const TrainState& state, std::size_t i) {
+math::Vec3 log_scale_of(const TrainState& state, std::size_t i) {
   const float* s = &state.set.log_scale[3 * i];
-  return std::exp(std::max({s[0], s[1], s[2]}));
+  return {s[0], s[1], s[2]};
 }
 
 // Moves primitive i by a sample of its own Gaussian times `share`.
 void move_by_sample(TrainState& state, std::size_t i, float share, Random& random) {
   const float* q = &state.set.rotation[4 * i];
-  const float* s = &state.set.log_scale[3 * i];
-  const math::Mat3 rotation = math::rotation_of({q[0], q[1], q[2], q[3]});
-  const math::Vec3 sample = {random.normal() * std::exp(s[0]) * share,
-                             random.normal() * std::exp(s[1]) * share,
-                             random.normal() * std::exp(s[2]) * share};
-  const math::Vec3 offset = math::mat3_mul(rotation, sample);
+  const math::Vec3 offset =
+      gaussian_sample({q[0], q[1], q[2], q[3]}, log_scale_of(state, i), share, random);
   state.set.position[3 * i] += offset.x;
   state.set.position[3 * i + 1] += offset.y;
   state.set.position[3 * i + 2] += offset.z;
@@ -38,7 +25,7 @@ void move_by_sample(TrainState& state, std::size_t i, float share, Random& rando
 
 // Makes `to` a clone of `from`: both get the opacity that keeps the picture, the clone steps aside.
 void clone_into(TrainState& state, std::size_t from, std::size_t to, Random& random) {
-  state.set.opacity_logit[from] = cloned_opacity_logit(state.set.opacity_logit[from]);
+  state.set.opacity_logit[from] = cloned_logit(state.set.opacity_logit[from]);
   state.clear_moments(from);
   state.copy_parameters(from, to);
   move_by_sample(state, to, kCloneSpread, random);
@@ -62,21 +49,15 @@ struct Candidate {
   bool split;
 };
 
-std::vector<Candidate> growth_candidates(const TrainState& state, const HyperParameters& parameters,
-                                         const DensifyContext& context) {
+std::vector<Candidate> growth_candidates(const TrainState& state, const DensifyRules& rules) {
   std::vector<Candidate> candidates;
-  const auto limit = static_cast<float>(parameters.split_scale) * context.extent;
+  const DensifyStatistics& statistics = state.statistics;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    const std::uint32_t views = state.statistics.views[i];
-    if (views == 0) continue;
-    const bool large = largest_scale(state, i) > limit;
-    const bool absolute = large && !context.plain;
-    const float gradient =
-        (absolute ? state.statistics.abs_gradient_sum[i] : state.statistics.gradient_sum[i]) /
-        static_cast<float>(views);
-    const double threshold = absolute ? parameters.split_gradient : parameters.clone_gradient;
-    const float urgency = gradient / static_cast<float>(threshold);
-    if (urgency > 1.0f) candidates.push_back({static_cast<std::uint32_t>(i), urgency, large});
+    if (statistics.views[i] == 0) continue;
+    const bool split = is_split(rules, log_scale_of(state, i));
+    const float urgency = growth_urgency(rules, split, statistics.gradient_sum[i],
+                                         statistics.abs_gradient_sum[i], statistics.views[i]);
+    if (urgency > 1.0f) candidates.push_back({static_cast<std::uint32_t>(i), urgency, split});
   }
   return candidates;
 }
@@ -107,17 +88,14 @@ bool finite(const TrainState& state, std::size_t i) {
 }
 
 // Those worth keeping; counts those that are not numbers any more.
-std::vector<std::uint32_t> surviving(const TrainState& state, const HyperParameters& parameters,
-                                     float extent, std::size_t& broken) {
+std::vector<std::uint32_t> surviving(const TrainState& state, const DensifyRules& rules,
+                                     std::size_t& broken) {
   std::vector<std::uint32_t> kept;
   kept.reserve(state.size());
-  const auto too_large = static_cast<float>(parameters.prune_scale) * extent;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    const bool transparent =
-        math::opacity_of(state.set.opacity_logit[i]) < static_cast<float>(parameters.prune_opacity);
     if (!finite(state, i)) {
       ++broken;
-    } else if (!transparent && largest_scale(state, i) < too_large) {
+    } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i))) {
       kept.push_back(static_cast<std::uint32_t>(i));
     }
   }
@@ -126,11 +104,13 @@ std::vector<std::uint32_t> surviving(const TrainState& state, const HyperParamet
 
 }  // namespace
 
-float cloned_opacity_logit(float logit) {
-  // With a = opacity: a' = 1 - sqrt(1-a), so a'/(1-a') = (1 - root)/root = a / (root (1 + root)).
-  const float root = std::sqrt(1.0f - math::opacity_of(logit));
-  constexpr float kSmallest = 1e-4f;
-  return std::log(math::opacity_of(logit) / (std::max(root, kSmallest) * (1.0f + root)));
+DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context) {
+  return {static_cast<float>(parameters.prune_opacity),
+          static_cast<float>(parameters.prune_scale) * context.extent,
+          static_cast<float>(parameters.split_scale) * context.extent,
+          static_cast<float>(parameters.clone_gradient),
+          static_cast<float>(parameters.split_gradient),
+          context.plain};
 }
 
 std::size_t remove_broken(TrainState& state) {
@@ -158,12 +138,12 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
                    const DensifyContext& context) {
   DensifyCounts counts;
   const std::size_t before = state.size();
-  const std::vector<std::uint32_t> kept =
-      surviving(state, parameters, context.extent, counts.broken);
+  const DensifyRules rules = densify_rules(parameters, context);
+  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.broken);
   counts.removed = before - kept.size();
   if (counts.removed > 0) state.keep(kept);
 
-  std::vector<Candidate> candidates = growth_candidates(state, parameters, context);
+  std::vector<Candidate> candidates = growth_candidates(state, rules);
   const std::size_t present = state.size();
   const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
   const std::size_t room = most > present ? most - present : 0;
@@ -201,16 +181,14 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
   std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(rank),
                    errors.end());
   const float unit = errors[rank] > 0.0f ? 1.0f / errors[rank] : 0.0f;
+  const ScoreRules rules{parameters.score_error, parameters.score_opacity,
+                         parameters.score_lifespan};
   for (std::size_t i = 0; i < n; ++i) {
     const float* v = &state.velocity[3 * i];
-    const float speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     const float f =
         modulated ? math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]) : 1.0f;
-    const double error = std::min(1.0f, state.statistics.error_max[i] * unit);
-    const double opacity = math::opacity_of(state.set.opacity_logit[i]);
-    scores[i] =
-        static_cast<float>(parameters.score_error * error + parameters.score_opacity * opacity +
-                           parameters.score_lifespan * (1.0 - std::exp(-(speed + 1.0f) / f)));
+    scores[i] = densification_score(rules, state.statistics.error_max[i], unit,
+                                    state.set.opacity_logit[i], {v[0], v[1], v[2]}, f);
   }
   return scores;
 }
@@ -219,8 +197,8 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context) {
   DensifyCounts counts;
   if (state.size() == 0) return counts;
-  const std::vector<std::uint32_t> kept =
-      surviving(state, parameters, context.extent, counts.broken);
+  const DensifyRules rules = densify_rules(parameters, context);
+  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.broken);
   std::vector<bool> alive(state.size(), false);
   for (std::uint32_t i : kept) alive[i] = true;
   std::vector<std::uint32_t> dead;

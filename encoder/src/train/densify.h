@@ -5,6 +5,7 @@
 
 #include <cstdint>
 
+#include "train/densify_rules.h"
 #include "train/hyper_parameters.h"
 #include "train/train_state.h"
 
@@ -22,6 +23,8 @@ struct DensifyContext {
   std::uint64_t seed = 0;
 };
 
+DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
+
 // First stage: clones what is small and pulled, splits what is large and pulled both ways, removes
 // what is nearly transparent or too large. Resets the statistics. A plain step is bounded by
 // max_primitives alone.
@@ -36,9 +39,6 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
 // The score s of every primitive (paper eq. 5), E scaled so that its 99th percentile is 1.
 std::vector<float> densification_scores(const TrainState& state, const HyperParameters& parameters,
                                         bool modulated);
-
-// Opacity of each of two coinciding copies that together look like one: 1 - sqrt(1 - alpha).
-float cloned_opacity_logit(float logit);
 
 // Removes primitives with a value that is not finite; how many.
 std::size_t remove_broken(TrainState& state);

@@ -46,8 +46,7 @@ Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
     : capture_(capture),
       settings_(settings),
       progress_(std::move(progress)),
-      log_(log ? std::move(log) : [](int, const std::string&) {}),
-      backend_(make_cpu_backend()) {}
+      log_(log ? std::move(log) : [](int, const std::string&) {}) {}
 
 Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
@@ -65,8 +64,10 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
         "iterations, max_primitives and densify_interval must be at least 1, sh_degree at most 3");
   }
   STGS_ASSIGN(trainer->ablation_, Ablation::from_names(settings.ablate));
+  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend));
   STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
   STGS_TRY(trainer->prepare_state());
+  STGS_TRY(trainer->prepare_backend());
   if (!settings.log_path.empty()) {
     STGS_TRY(trainer->log_file_.open(settings.log_path, trainer->state_.iteration));
   }
@@ -91,6 +92,20 @@ Status Trainer::prepare_state() {
   }
   measured_ = measures_due();
   return {};
+}
+
+Status Trainer::prepare_backend() {
+  TrainPlan plan;
+  plan.primitives =
+      std::max(state_.size(), static_cast<std::size_t>(std::max(parameters_.max_primitives, 0)));
+  plan.sh_coefficients = state_.set.sh_coefficients();
+  for (const Camera& camera : images_.cameras()) {
+    plan.width = std::max(plan.width, camera.width);
+    plan.height = std::max(plan.height, camera.height);
+  }
+  plan.coupled = state_.is_coupled();
+  log_(2, fmt::format("training on {}", backend_->name()));
+  return backend_->reserve(plan);
 }
 
 std::string Trainer::fingerprint() const {
@@ -173,66 +188,86 @@ StepInput Trainer::step_input() {
   return input;
 }
 
-void Trainer::densify() {
+Status Trainer::read_steps() {
+  STGS_ASSIGN(const std::vector<StepOutput> outputs, backend_->read());
+  for (const StepOutput& output : outputs) {
+    ++steps_read_;
+    state_.mean_loss += (output.loss - state_.mean_loss) * (steps_read_ == 1 ? 1.0 : kLossMemory);
+    if (!std::isfinite(output.loss)) {
+      return runtime_error("training diverged at iteration {}: the loss is not a number",
+                           steps_read_);
+    }
+    last_ = output;
+  }
+  return {};
+}
+
+Status Trainer::densify() {
   const auto interval = static_cast<std::uint64_t>(parameters_.densify_interval);
   const DensifyPlan plan =
       densify_plan(parameters_, ablation_, share(), state_.iteration % interval == 0);
   if (plan.second_stage) state_.second_stage = 1;
-  if (!plan.grow && !plan.replace) return;
+  if (!plan.grow && !plan.replace) return {};
+  STGS_TRY(read_steps());
   const DensifyContext context{capture_.extent, ablation_.modulation, !ablation_.densification,
                                settings_.seed};
-  backend_->synchronise();
-  const DensifyCounts counts =
-      plan.replace ? replace(state_, parameters_, context) : grow(state_, parameters_, context);
-  if (plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due) {
-    reset_opacity(state_);
-    ++state_.opacity_resets;
-  }
+  const bool reset = plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due;
+  STGS_ASSIGN(const DensifyCounts counts,
+              backend_->densify({&parameters_, context, plan.replace, reset}));
+  if (reset) ++state_.opacity_resets;
   if (counts.broken > 0) {
     log_(1,
          fmt::format("iteration {}: {} primitives had values that are not numbers and were removed",
                      state_.iteration, counts.broken));
   }
-  state_.derive_all(ablation_.modulation);
-  backend_->begin(state_);
   log_(3, fmt::format("iteration {}: {} primitives; {} cloned, {} split, {} removed, {} replaced",
-                      state_.iteration, state_.size(), counts.cloned, counts.split, counts.removed,
-                      counts.replaced));
+                      state_.iteration, backend_->size(), counts.cloned, counts.split,
+                      counts.removed, counts.replaced));
+  return {};
 }
 
 Status Trainer::save_checkpoint() {
   if (settings_.checkpoint.empty()) return {};
-  backend_->synchronise();
+  STGS_TRY(read_steps());
+  STGS_TRY(backend_->synchronise());
   return write_checkpoint(settings_.checkpoint, state_, fingerprint());
 }
 
-bool Trainer::report_progress(bool now) {
-  if (!now && seconds_since(reported_) < kProgressInterval && !finished()) return true;
+bool Trainer::progress_due() const {
+  return seconds_since(reported_) >= kProgressInterval || finished();
+}
+
+bool Trainer::report_progress() {
   reported_ = Clock::now();
   if (!progress_) return true;
   const double done = share();
   const double eta = done > 0 ? state_.seconds * (1.0 - done) / done : -1;
   std::string detail = fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
-                                   state_.mean_loss, state_.size());
+                                   state_.mean_loss, backend_->size());
   if (score_) detail += fmt::format(", held-out psnr {:.2f} dB", score_->psnr);
   return progress_({"train", done, eta, detail});
 }
 
-void Trainer::write_log(const StepOutput& output) {
-  if (state_.iteration != 1 && state_.iteration % kLogInterval != 0 && !finished()) return;
-  log_file_.write(LoggedStep{state_.iteration, state_.seconds, state_.mean_loss, output.l1,
-                             output.ssim, state_.size(), output.visible});
+bool Trainer::log_due() const {
+  return log_file_.is_open() &&
+         (state_.iteration == 1 || state_.iteration % kLogInterval == 0 || finished());
+}
+
+void Trainer::write_log() {
+  log_file_.write(LoggedStep{state_.iteration, state_.seconds, state_.mean_loss, last_.l1,
+                             last_.ssim, backend_->size(), last_.visible});
 }
 
 int Trainer::measures_due() const {
   return static_cast<int>(share() * settings_.held_out_measures);
 }
 
-void Trainer::measure_held_out() {
-  if (held_out_.empty() || measures_due() == measured_) return;
+Status Trainer::measure_held_out() {
+  if (held_out_.empty() || measures_due() == measured_) return {};
   measured_ = measures_due();
+  STGS_TRY(read_steps());
   const Clock::time_point begin = Clock::now();
-  backend_->synchronise();
+  STGS_TRY(backend_->synchronise());
   try {
     score_ = held_out_.measure(state_.set);
     log_file_.write(LoggedMeasure{state_.iteration, state_.seconds, *score_});
@@ -241,28 +276,26 @@ void Trainer::measure_held_out() {
                         error.what()));
   }
   started_ += Clock::now() - begin;
+  return {};
 }
 
 Status Trainer::run() {
   started_ = Clock::now();
-  backend_->begin(state_);
+  steps_read_ = state_.iteration;
+  STGS_TRY(backend_->begin(state_));
   while (!finished()) {
-    const StepOutput output = backend_->step(step_input());
+    STGS_TRY(backend_->step(step_input()));
     ++state_.iteration;
-    state_.mean_loss +=
-        (output.loss - state_.mean_loss) * (state_.iteration == 1 ? 1.0 : kLossMemory);
     state_.seconds = seconds_before_ + seconds_since(started_);
-    if (!std::isfinite(output.loss)) {
-      return runtime_error("training diverged at iteration {}: the loss is not a number",
-                           state_.iteration);
-    }
-    densify();
-    write_log(output);
-    measure_held_out();
+    STGS_TRY(densify());
     const auto interval = static_cast<std::uint64_t>(std::max(settings_.checkpoint_interval, 1));
     const bool checkpoint = state_.iteration % interval == 0;
+    const bool progress = checkpoint || progress_due();
+    if (progress || log_due()) STGS_TRY(read_steps());
+    if (log_due()) write_log();
+    STGS_TRY(measure_held_out());
     if (checkpoint) STGS_TRY(save_checkpoint());
-    if (!report_progress(checkpoint)) {
+    if (progress && !report_progress()) {
       STGS_TRY(save_checkpoint());
       return runtime_error("stopped at iteration {}; {}", state_.iteration,
                            settings_.checkpoint.empty()
@@ -270,7 +303,8 @@ Status Trainer::run() {
                                : fmt::format("go on with --resume {}", settings_.checkpoint));
     }
   }
-  backend_->synchronise();
+  STGS_TRY(read_steps());
+  STGS_TRY(backend_->synchronise());
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
@@ -302,6 +336,11 @@ TrainReport Trainer::report() const {
   report.backend = backend_->name();
   report.parameters = list_hyper_parameters(parameters_);
   return report;
+}
+
+Status check_train_backend(const std::string& backend) {
+  // "auto" always finds one.
+  return backend == "auto" ? Status() : make_backend(backend).status();
 }
 
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,

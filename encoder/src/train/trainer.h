@@ -35,19 +35,24 @@ class Trainer {
           LogSink log);
 
   Status prepare_state();
+  Status prepare_backend();
   std::string fingerprint() const;
   // Share of the schedule that is done, [0, 1].
   double share() const;
   bool finished() const { return share() >= 1.0; }
   StepInput step_input();
   std::size_t view_of_iteration();
-  void densify();
+  // Takes what the steps have given since the last time into the running mean and last_.
+  Status read_steps();
+  Status densify();
   Status save_checkpoint();
-  // At most every tenth of a second, but `now` always; false: stop.
-  bool report_progress(bool now);
-  void write_log(const StepOutput& output);
+  bool progress_due() const;
+  // False: stop.
+  bool report_progress();
+  bool log_due() const;
+  void write_log();
   // Measures the held-out views where one is due; the clock of training stands still meanwhile.
-  void measure_held_out();
+  Status measure_held_out();
   int measures_due() const;
 
   PreparedCapture capture_;
@@ -59,6 +64,8 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::unique_ptr<TrainBackend> backend_;
+  StepOutput last_;               // of the steps read
+  std::uint64_t steps_read_ = 0;  // iterations whose loss has been taken in
   std::uint64_t epoch_ = ~std::uint64_t{0};
   std::vector<std::uint32_t> order_;  // of the views of epoch_
   std::chrono::steady_clock::time_point started_, reported_;

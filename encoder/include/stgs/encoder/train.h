@@ -21,7 +21,8 @@ struct TrainSettings {
   int max_primitives = 0;          // 0: the preset's
   double max_seconds = 0;          // 0: no limit; the schedule fits itself to it
   std::uint64_t seed = 1;
-  std::string ablate;  // of ablation_names(), with commas; "": the whole method
+  std::string backend = "auto";  // "cpu", "cuda", or "auto": CUDA where there is a device
+  std::string ablate;            // of ablation_names(), with commas; "": the whole method
   std::vector<std::pair<std::string, std::string>> overrides;  // --set key=value
   std::string resume;                                          // checkpoint to go on from
   std::string checkpoint;         // where to write checkpoints; "": none
@@ -46,6 +47,9 @@ struct TrainReport {
 // Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report);
+
+// Whether this build and machine have the backend of TrainSettings::backend; else what to do.
+Status check_train_backend(const std::string& backend);
 
 // The parts of the paper's method that TrainSettings::ablate leaves out.
 std::vector<std::string> ablation_names();

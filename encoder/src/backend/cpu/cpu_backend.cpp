@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "backend/backend.h"
 #include "backend/cpu/blend_backward.h"
@@ -25,10 +26,19 @@ constexpr std::size_t kBlock = 512;  // primitives updated together
 
 class CpuBackend final : public TrainBackend {
  public:
-  void begin(TrainState& state) override { state_ = &state; }
-  void synchronise() override {}
+  Status reserve(const TrainPlan&) override { return {}; }
+  Status begin(TrainState& state) override {
+    state_ = &state;
+    return {};
+  }
+  Status step(const StepInput& input) override;
+  Result<std::vector<StepOutput>> read() override {
+    return std::exchange(outputs_, std::vector<StepOutput>());
+  }
+  Result<DensifyCounts> densify(const DensifyInput& input) override;
+  std::size_t size() const override { return state_->size(); }
+  Status synchronise() override { return {}; }
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
-  StepOutput step(const StepInput& input) override;
 
  private:
   void update(const StepInput& input);
@@ -36,6 +46,7 @@ class CpuBackend final : public TrainBackend {
   void gather(const StepInput& input, std::size_t splat);
 
   TrainState* state_ = nullptr;
+  std::vector<StepOutput> outputs_;  // since the last read()
   // Kept from step to step for their memory.
   SplatFrame frame_;
   RasterOutput output_;
@@ -46,7 +57,7 @@ class CpuBackend final : public TrainBackend {
   cpu::PrimitiveGradients gradients_;
 };
 
-StepOutput CpuBackend::step(const StepInput& input) {
+Status CpuBackend::step(const StepInput& input) {
   RasterSettings settings;
   settings.max_sh_degree = input.sh_degree;
   begin_frame(input.camera, frame_);
@@ -74,7 +85,16 @@ StepOutput CpuBackend::step(const StepInput& input) {
   out.visible = frame_.splats.size();
   update(input);
   update_colour(*state_, input.colour_index, d_map, input.rate_colour);
-  return out;
+  outputs_.push_back(out);
+  return {};
+}
+
+Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
+  const DensifyCounts counts = input.refining ? replace(*state_, *input.parameters, input.context)
+                                              : grow(*state_, *input.parameters, input.context);
+  if (input.reset_opacity) reset_opacity(*state_);
+  state_->derive_all(input.context.modulated);
+  return counts;
 }
 
 void CpuBackend::update(const StepInput& input) {

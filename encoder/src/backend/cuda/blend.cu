@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// Forward blending. A warp draws 8x4 pixels of a tile by itself: it takes the tile's list 32 splats
+// at a time, a splat a lane, and goes only through those whose ellipse meets its pixels.
+#include "backend/cuda/device.cuh"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+using math::kAlphaMax;
+using math::kTransmittanceMin;
+
+constexpr int kWarps = 8;  // two columns of four
+
+__global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Workspace w) {
+  __shared__ ScreenSplat stage[kWarps][32];
+  const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
+  const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
+  const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * 4;
+  if (x0 >= view.width || y0 >= view.height) return;  // the whole warp; no block barrier follows
+  const int x = x0 + lane % 8, y = y0 + lane / 8;
+  const bool inside = x < view.width && y < view.height;
+  const float px = static_cast<float>(x) + 0.5f, py = static_cast<float>(y) + 0.5f;
+  const float left = static_cast<float>(x0) + 0.5f, top = static_cast<float>(y0) + 0.5f;
+  const float right = static_cast<float>(min(x0 + 8, view.width)) - 0.5f;
+  const float bottom = static_cast<float>(min(y0 + 4, view.height)) - 0.5f;
+  const int tile = static_cast<int>(blockIdx.y) * view.tiles_x + static_cast<int>(blockIdx.x);
+  const std::uint32_t first = w.tile_begin[tile], end = w.tile_begin[tile + 1];
+
+  float transmittance = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
+  std::uint32_t last = 0;
+  bool done = !inside;
+  ScreenSplat next{};
+  if (first + lane < end) next = load_splat(w.splats, w.list[first + lane]);
+  for (std::uint32_t at = first; at < end; at += 32) {
+    if (__all_sync(kAllLanes, done)) break;
+    const bool met = at + lane < end && ellipse_meets(next, left, right, top, bottom);
+    unsigned hits = __ballot_sync(kAllLanes, met);
+    stage[warp][lane] = next;
+    __syncwarp();
+    if (at + 32 + lane < end) next = load_splat(w.splats, w.list[at + 32 + lane]);
+    while (hits != 0) {
+      const int k = __ffs(hits) - 1;
+      hits &= hits - 1;
+      const ScreenSplat& s = stage[warp][k];
+      const float log2 = log2_alpha(s, px - s.x, py - s.y);
+      if (done || log2 < kLog2Threshold) continue;
+      const float alpha = fminf(kAlphaMax, exp2_fast(log2));
+      const float after = transmittance * (1.0f - alpha);
+      if (after < kTransmittanceMin) {
+        done = true;
+        continue;
+      }
+      const float weight = alpha * transmittance;
+      red = fmaf(weight, s.red, red);
+      green = fmaf(weight, s.green, green);
+      blue = fmaf(weight, s.blue, blue);
+      transmittance = after;
+      last = at - first + k + 1;
+    }
+    __syncwarp();
+  }
+  if (!inside) return;
+  const std::size_t p = static_cast<std::size_t>(y) * view.width + x;
+  w.picture[p] = make_float4(red, green, blue, transmittance);
+  w.last[p] = last;
+}
+
+}  // namespace
+
+void launch_blend(const View& view, const Workspace& w, cudaStream_t stream) {
+  const dim3 tiles(view.tiles_x, view.tiles_y);
+  blend<<<tiles, kWarps * 32, 0, stream>>>(view, w);
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// Backward blending, back to front. A block takes a tile's list 32 splats at a time; each of its
+// warps goes through those that meet its pixels, adds a splat's sums over its lanes and leaves them
+// in shared memory; then the block adds up the warps' sums in their order and writes one entry an
+// instance. No atomics: the sums have one order, so a step gives the same bits every time.
+//
+// What is summed over pixels, with g = dL/dpower and (dx, dy) the offset from the mean, w the
+// blending weight: w dL/dcolour (3), w error, g, g dx, g dy, g dx^2, g dx dy, g dy^2, and the
+// absolute values of the gradient by the mean (2).
+#include "backend/cuda/device.cuh"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+using math::kAlphaMax;
+
+constexpr int kBatch = 32;  // splats
+
+// Sums each of v's 12 entries over the warp's lanes. Lane L gets the sum of the entry sum_index(L)
+// (-1: none) by halving the entries that a lane keeps with each exchange.
+__device__ float sum_lanes(float (&v)[kSums], int lane) {
+  const bool b4 = lane & 16, b3 = lane & 8, b2 = lane & 4, b1 = lane & 2;
+#pragma unroll
+  for (int q = 0; q < 6; ++q) {
+    const float sent = b4 ? v[q] : v[q + 6];
+    v[q] = (b4 ? v[q + 6] : v[q]) + __shfl_xor_sync(kAllLanes, sent, 16);
+  }
+#pragma unroll
+  for (int q = 0; q < 3; ++q) {
+    const float sent = b3 ? v[q] : v[q + 3];
+    v[q] = (b3 ? v[q + 3] : v[q]) + __shfl_xor_sync(kAllLanes, sent, 8);
+  }
+  const float a = (b2 ? v[2] : v[0]) + __shfl_xor_sync(kAllLanes, b2 ? v[0] : v[2], 4);
+  const float b = v[1] + __shfl_xor_sync(kAllLanes, v[1], 4);
+  // Lanes with b2 hold entry 2 in a; the others 0 in a and 1 in b.
+  const float kept = !b2 && b1 ? b : a;
+  const float sent = !b2 && !b1 ? b : a;
+  const float c = kept + __shfl_xor_sync(kAllLanes, sent, 2);
+  return c + __shfl_xor_sync(kAllLanes, c, 1);
+}
+
+__device__ int sum_index(int lane) {
+  const bool b2 = lane & 4, b1 = lane & 2;
+  if ((lane & 1) || (b2 && b1)) return -1;
+  return (lane & 16 ? 6 : 0) + (lane & 8 ? 3 : 0) + (b2 ? 2 : (b1 ? 1 : 0));
+}
+
+// State of a pixel on its way to the front.
+struct Pixel {
+  float y;
+  float transmittance;  // in front of what has been gone through
+  float behind;         // dL/dcolour . (what is seen behind the splat)
+  float red, green, blue, error;
+  int last;
+};
+
+__device__ Pixel load_pixel(int x, int y, const View& view, const Workspace& w) {
+  Pixel p{};
+  p.y = static_cast<float>(y) + 0.5f;
+  if (x >= view.width || y >= view.height) return p;  // last = 0: takes no part
+  const std::size_t at = static_cast<std::size_t>(y) * view.width + x;
+  const float4 d = w.d_picture[at];
+  p.red = d.x;
+  p.green = d.y;
+  p.blue = d.z;
+  p.error = d.w;
+  p.transmittance = w.picture[at].w;
+  p.last = static_cast<int>(w.last[at]);
+  return p;
+}
+
+// Sums over a lane's pixels, which have one dx: the moments by it follow at the end.
+struct ColumnSums {
+  float red, green, blue, error, g, gy, gyy, abs_x, abs_y;
+};
+
+// A splat over a column of pixels.
+struct Column {
+  float dx, slope_x;  // 2 half_xx dx
+  float cross_x;      // cross dx
+  float base;         // most + half_xx dx^2
+};
+
+// Adds what splat k gives at the pixel, and takes it off. Whether it is drawn there.
+__device__ bool add_pixel(const ScreenSplat& s, const Column& c, int k, Pixel& p, ColumnSums& v) {
+  const float dy = p.y - s.y;
+  const float log2 = fminf(s.most, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
+  if (k >= p.last || log2 < kLog2Threshold) return false;
+  const float falloff = exp2_fast(log2);
+  const float alpha = fminf(kAlphaMax, falloff);
+  p.transmittance *= reciprocal_fast(1.0f - alpha);
+  const float weight = alpha * p.transmittance;
+  const float own = fmaf(p.red, s.red, fmaf(p.green, s.green, p.blue * s.blue));
+  const float gain = own - p.behind;
+  p.behind = fmaf(alpha, gain, p.behind);
+  v.red = fmaf(weight, p.red, v.red);
+  v.green = fmaf(weight, p.green, v.green);
+  v.blue = fmaf(weight, p.blue, v.blue);
+  v.error = fmaf(weight, p.error, v.error);
+  // dL/dpower = -alpha dL/dalpha; none where alpha is cut at its maximum.
+  const float g = falloff <= kAlphaMax ? -weight * gain : 0.0f;
+  const float gy = g * dy;
+  v.g += g;
+  v.gy += gy;
+  v.gyy = fmaf(gy, dy, v.gyy);
+  // The gradient by the mean in units of 1/log2(e), taken off in the update.
+  v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.cross, dy, c.slope_x)), v.abs_x);
+  v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.half_yy, dy, c.cross_x)), v.abs_y);
+  return true;
+}
+
+// A lane has kPer pixels, a warp 8 x 4 kPer.
+template <int kPer>
+__global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, const Workspace w) {
+  constexpr int kWarps = 8 / kPer, kRows = 4 * kPer, kThreads = 32 * kWarps;
+  __shared__ float4 stage[kBatch * 3];
+  __shared__ float sums[kWarps][kBatch * kSums];
+  __shared__ unsigned touched[kWarps];
+  __shared__ std::uint32_t instances[kBatch];
+  __shared__ int warp_last[kWarps];
+  const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
+  const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
+  const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * kRows;
+  const float left = static_cast<float>(x0) + 0.5f, top = static_cast<float>(y0) + 0.5f;
+  const float right = static_cast<float>(min(x0 + 8, view.width)) - 0.5f;
+  const float bottom = static_cast<float>(min(y0 + kRows, view.height)) - 0.5f;
+  const int tile = static_cast<int>(blockIdx.y) * view.tiles_x + static_cast<int>(blockIdx.x);
+  const std::uint32_t first = w.tile_begin[tile];
+  const int count = static_cast<int>(w.tile_begin[tile + 1] - first);
+
+  const float x = left + static_cast<float>(lane % 8);
+  Pixel pixels[kPer];
+  int own_last = 0;
+#pragma unroll
+  for (int q = 0; q < kPer; ++q) {
+    pixels[q] = load_pixel(x0 + lane % 8, y0 + lane / 8 + 4 * q, view, w);
+    own_last = max(own_last, pixels[q].last);
+  }
+  own_last = __reduce_max_sync(kAllLanes, own_last);
+  if (lane == 0) warp_last[warp] = own_last;
+  __syncthreads();
+  int longest = 0;
+#pragma unroll
+  for (int q = 0; q < kWarps; ++q) longest = max(longest, warp_last[q]);
+
+  // Nothing is drawn of what lies behind.
+  for (int q = longest * kSums + static_cast<int>(threadIdx.x); q < count * kSums; q += kThreads)
+    w.partials[static_cast<std::size_t>(w.instances_sorted[first + q / kSums]) * kSums +
+               q % kSums] = 0.0f;
+
+  const int index = sum_index(lane);
+  float* own_sum = sums[warp] + index;
+  asm("" : "+l"(own_sum));  // kept in a register, not worked out again for each splat
+  for (int base = (longest - 1) / kBatch * kBatch; base >= 0 && longest > 0; base -= kBatch) {
+    const int n = min(kBatch, longest - base);
+    if (threadIdx.x < 3 * n)
+      stage[threadIdx.x] = reinterpret_cast<const float4*>(
+          w.splats + w.list[first + base + threadIdx.x / 3])[threadIdx.x % 3];
+    if (threadIdx.x < n) instances[threadIdx.x] = w.instances_sorted[first + base + threadIdx.x];
+    __syncthreads();
+    const ScreenSplat* splats = reinterpret_cast<const ScreenSplat*>(stage);
+    const bool met =
+        lane < n && base + lane < own_last && ellipse_meets(splats[lane], left, right, top, bottom);
+    unsigned hits = __ballot_sync(kAllLanes, met), drawn = 0;
+    while (hits != 0) {
+      const int k = 31 - __clz(hits);
+      hits ^= 1u << k;
+      const ScreenSplat& s = splats[k];
+      const float dx = x - s.x, half_x = s.half_xx * dx;
+      const Column column{dx, 2.0f * half_x, s.cross * dx, fmaf(half_x, dx, s.most)};
+      ColumnSums c{};
+      bool any = false;
+#pragma unroll
+      for (int q = 0; q < kPer; ++q) any |= add_pixel(s, column, base + k, pixels[q], c);
+      if (!__any_sync(kAllLanes, any)) continue;
+      drawn |= 1u << k;
+      const float gx = c.g * dx;
+      float v[kSums] = {c.red, c.green, c.blue,    c.error, c.g,     gx,
+                        c.gy,  gx * dx, c.gy * dx, c.gyy,   c.abs_x, c.abs_y};
+      const float sum = sum_lanes(v, lane);
+      if (index >= 0) own_sum[k * kSums] = sum;
+    }
+    if (lane == 0) touched[warp] = drawn;
+    __syncthreads();
+    for (int q = static_cast<int>(threadIdx.x); q < n * kSums; q += kThreads) {
+      float sum = 0.0f;
+#pragma unroll
+      for (int v = 0; v < kWarps; ++v)
+        if (touched[v] >> (q / kSums) & 1u) sum += sums[v][q];
+      w.partials[static_cast<std::size_t>(instances[q / kSums]) * kSums + q % kSums] = sum;
+    }
+    __syncthreads();
+  }
+}
+
+}  // namespace
+
+void launch_blend_backward(const View& view, const Workspace& w, cudaStream_t stream) {
+  constexpr int kPer = 2;
+  const dim3 tiles(view.tiles_x, view.tiles_y);
+  blend_backward<kPer><<<tiles, 256 / kPer, 0, stream>>>(view, w);
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/cuda_backend.h"
+
+#include <algorithm>
+
+namespace stgs::encoder {
+namespace cuda {
+namespace {
+
+// Tile instances a primitive, before any step has told; and what is kept free above the largest
+// number seen.
+constexpr std::size_t kInstancesAPrimitive = 6;
+constexpr std::size_t kInstancesFloor = std::size_t{1} << 16;
+constexpr double kSlack = 1.25;
+// Of the largest number, what is kept from one step to the next.
+constexpr double kMemory = 0.999;
+// Share of the free memory that pictures may take once everything else has its place.
+constexpr double kPictureShare = 0.85;
+
+StepOutput output_of(const StepRecord& record) {
+  return {record.loss, record.l1, record.ssim, record.visible};
+}
+
+Status device_problem(const char* text) {
+  return unsupported("training with CUDA needs an NVIDIA GPU and its driver: {}; use --backend cpu",
+                     text);
+}
+
+}  // namespace
+
+Status CudaBackend::create() {
+  int count = 0;
+  if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess) {
+    return device_problem(cudaGetErrorString(error));
+  }
+  if (count == 0) return device_problem("no device found");
+  cudaDeviceProp properties{};
+  STGS_TRY(cuda_status(cudaSetDevice(0), "choosing the GPU"));
+  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, 0), "asking about the GPU"));
+  name_ = fmt::format("cuda ({})", properties.name);
+  STGS_TRY(stream_.create());
+  STGS_TRY(pipeline_.create(stream_));
+  STGS_TRY(densifier_.create());
+  STGS_TRY(records_.ensure(kInFlight));
+  for (Event& event : done_) STGS_TRY(event.create());
+  return {};
+}
+
+Status CudaBackend::reserve(const TrainPlan& plan) {
+  if (plan.coupled) {
+    return unsupported("the ablation 'representation' does not train with CUDA; use --backend cpu");
+  }
+  const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
+  const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
+  const std::size_t state_bytes = DeviceState::bytes(plan.primitives, plan.sh_coefficients);
+  const std::size_t step_bytes = StepPipeline::bytes(plan.primitives, pixels, instances);
+  const std::size_t few_pictures = 16 * pixels;
+  std::size_t free = 0, total = 0;
+  STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
+  const double need = static_cast<double>(state_bytes + step_bytes + few_pictures);
+  if (need > static_cast<double>(free)) {
+    return unsupported(
+        "training {} primitives on {}x{} pictures needs {} of GPU memory, and {} of {} are free: "
+        "use fewer primitives (--max-primitives) or smaller frames, or --backend cpu",
+        plan.primitives, plan.width, plan.height, bytes_text(need),
+        bytes_text(static_cast<double>(free)), bytes_text(static_cast<double>(total)));
+  }
+  STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients));
+  STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, stream_));
+  STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
+  return truths_.create(static_cast<std::size_t>(kPictureShare * static_cast<double>(free)));
+}
+
+Status CudaBackend::begin(TrainState& state) {
+  STGS_TRY(collect(true));
+  state_ = &state;
+  return device_.upload(state, stream_);
+}
+
+Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
+  STGS_TRY(collect(true));
+  const std::size_t before = size();
+  // Room to append in, where reserve() has not been told of it.
+  const std::size_t most =
+      std::max(before, static_cast<std::size_t>(std::max(input.parameters->max_primitives, 0)));
+  if (device_.capacity() < most) {
+    STGS_TRY(synchronise());
+    STGS_TRY(device_.reserve(most, device_.primitives().sh_coefficients));
+    STGS_TRY(device_.upload(*state_, stream_));
+  }
+  STGS_TRY(pipeline_.reserve(most, 1, 1, kInstancesAPrimitive * most, stream_));
+  const Workspace& w = pipeline_.workspace();
+  STGS_ASSIGN(const DensifyCounts counts,
+              input.refining ? densifier_.replace(device_, *input.parameters, input.context,
+                                                  state_->iteration, w, stream_)
+                             : densifier_.grow(device_, *input.parameters, input.context,
+                                               state_->iteration, w, stream_));
+  if (input.reset_opacity) {
+    launch_reset_opacity(device_.primitives(), stream_);
+    STGS_TRY(cuda_status(cudaGetLastError(), "resetting the opacities"));
+  }
+  // The number of instances grows with that of the primitives.
+  if (before > 0 && size() > before) instances_seen_ = instances_seen_ * size() / before;
+  return counts;
+}
+
+std::size_t CudaBackend::room() const {
+  const std::size_t wanted =
+      instances_seen_ == 0
+          ? kInstancesAPrimitive * device_.primitives().n
+          : static_cast<std::size_t>(kSlack * static_cast<double>(instances_seen_));
+  return std::clamp(wanted, kInstancesFloor, kMaxInstances);
+}
+
+Status CudaBackend::step(const StepInput& input) {
+  if (pending_.size() == kInFlight) {
+    STGS_TRY(cuda_status(cudaEventSynchronize(done_[pending_.front().slot]), "waiting for a step"));
+  }
+  STGS_TRY(collect(false));
+  return enqueue(input);
+}
+
+Status CudaBackend::enqueue(const StepInput& input) {
+  const std::size_t instances = room();
+  STGS_TRY(pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
+                             static_cast<int>(input.camera.height), instances, stream_));
+  STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(*input.truth, stream_));
+  const std::size_t slot = next_slot_++ % kInFlight;
+  STGS_TRY(
+      pipeline_.enqueue(device_, input, truth, instances, records_.on_device() + slot, stream_));
+  STGS_TRY(truths_.release(*input.truth, stream_));
+  pending_.push_back({input, slot});
+  return cuda_status(cudaEventRecord(done_[slot], stream_), "marking a step");
+}
+
+Status CudaBackend::collect(bool wait) {
+  while (!pending_.empty()) {
+    const std::size_t slot = pending_.front().slot;
+    const cudaError_t state =
+        wait ? cudaEventSynchronize(done_[slot]) : cudaEventQuery(done_[slot]);
+    if (state == cudaErrorNotReady) {
+      (void)cudaGetLastError();  // not an error, but remembered as one
+      return {};
+    }
+    STGS_TRY(cuda_status(state, "working on a step"));
+    const StepRecord record = records_.data()[slot];
+    if (record.overflow != 0) {
+      STGS_TRY(redo(record.instances));
+      continue;
+    }
+    const double kept = kMemory * static_cast<double>(instances_seen_);
+    instances_seen_ = std::max<std::size_t>(record.instances, static_cast<std::size_t>(kept));
+    outputs_.push_back(output_of(record));
+    pending_.pop_front();
+  }
+  return {};
+}
+
+// The oldest pending step did not fit: makes room and does all pending ones again.
+Status CudaBackend::redo(std::size_t instances) {
+  STGS_TRY(stream_.wait());
+  if (instances > kMaxInstances) {
+    return runtime_error(
+        "a view's primitives touch {} tiles, more than the {} that a step can list: the scene has "
+        "grown out of bounds",
+        instances, kMaxInstances);
+  }
+  instances_seen_ = std::max(instances_seen_, instances);
+  STGS_TRY(pipeline_.clear_overflow(stream_));
+  std::deque<Pending> again;
+  again.swap(pending_);
+  for (const Pending& pending : again) STGS_TRY(enqueue(pending.input));
+  return {};
+}
+
+Result<std::vector<StepOutput>> CudaBackend::read() {
+  STGS_TRY(collect(true));
+  std::vector<StepOutput> outputs;
+  outputs.swap(outputs_);
+  return outputs;
+}
+
+Status CudaBackend::synchronise() {
+  STGS_TRY(collect(true));
+  return device_.download(*state_, stream_);
+}
+
+}  // namespace cuda
+
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend() {
+  auto backend = std::make_unique<cuda::CudaBackend>();
+  STGS_TRY(backend->create());
+  return std::unique_ptr<TrainBackend>(std::move(backend));
+}
+
+}  // namespace stgs::encoder

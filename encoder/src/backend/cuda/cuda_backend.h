@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CUDA training backend: the whole state is on the GPU from begin() to synchronise(), also
+// while it is densified, and a step is enqueued without waiting for the one before.
+//
+// The buffers for tile instances have a size that follows from the steps before. A step that needs
+// more changes nothing, and neither do those after it; when the host learns of it, a few steps
+// later, it makes room and does them again. A run therefore never depends on timing: on the same
+// GPU and build, the same start gives the same bits.
+#pragma once
+
+#include <array>
+#include <deque>
+
+#include "backend/backend.h"
+#include "backend/cuda/densifier.h"
+#include "backend/cuda/device_state.h"
+#include "backend/cuda/step_pipeline.h"
+#include "backend/cuda/truth_cache.h"
+
+namespace stgs::encoder::cuda {
+
+class CudaBackend final : public TrainBackend {
+ public:
+  ~CudaBackend() override { (void)stream_.wait(); }
+
+  // Sets up the first device; kUnsupported where there is none.
+  Status create();
+
+  Status reserve(const TrainPlan& plan) override;
+  Status begin(TrainState& state) override;
+  Status step(const StepInput& input) override;
+  Result<DensifyCounts> densify(const DensifyInput& input) override;
+  std::size_t size() const override { return device_.primitives().n; }
+  Result<std::vector<StepOutput>> read() override;
+  Status synchronise() override;
+  std::string name() const override { return name_; }
+
+  StepPipeline& pipeline() { return pipeline_; }
+  cudaStream_t stream() const { return stream_; }
+  // Largest number of tile instances of late.
+  std::size_t instances_seen() const { return instances_seen_; }
+
+ private:
+  // Steps on their way to the GPU, at most.
+  static constexpr std::size_t kInFlight = 32;
+  struct Pending {
+    StepInput input;
+    std::size_t slot;  // of its record and event
+  };
+
+  Status enqueue(const StepInput& input);
+  // Takes what the oldest steps have left; waits for all of them, or only for those that are done.
+  Status collect(bool wait);
+  Status redo(std::size_t instances);
+  std::size_t room() const;
+
+  std::string name_;
+  Stream stream_;
+  DeviceState device_;
+  StepPipeline pipeline_;
+  Densifier densifier_;
+  TruthCache truths_;
+  PinnedArray<StepRecord> records_;
+  std::array<Event, kInFlight> done_;
+  std::deque<Pending> pending_;  // oldest first
+  std::size_t next_slot_ = 0;
+  std::vector<StepOutput> outputs_;  // since the last read()
+  TrainState* state_ = nullptr;
+  std::size_t instances_seen_ = 0;
+};
+
+}  // namespace stgs::encoder::cuda

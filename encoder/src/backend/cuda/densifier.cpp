@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/densifier.h"
+
+#include <algorithm>
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr int kAllBits = 32;
+
+}  // namespace
+
+Status Densifier::create() {
+  STGS_TRY(totals_.ensure(1));
+  return read_.ensure(1);
+}
+
+Status Densifier::clear_totals(cudaStream_t stream) {
+  return cuda_status(cudaMemsetAsync(totals_.data(), 0, sizeof(DensifyTotals), stream),
+                     "clearing the counts of densification");
+}
+
+Result<DensifyTotals> Densifier::read_totals(cudaStream_t stream) {
+  STGS_TRY(cuda_status(cudaGetLastError(), "starting to densify"));
+  STGS_TRY(cuda_status(cudaMemcpyAsync(read_.data(), totals_.data(), sizeof(DensifyTotals),
+                                       cudaMemcpyDeviceToHost, stream),
+                       "reading the counts of densification"));
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "densifying"));
+  return *read_.data();
+}
+
+// Moves the primitives flagged in w.tile_counts, which are `kept`, together.
+Status Densifier::keep(DeviceState& state, std::size_t kept, const Workspace& w,
+                       cudaStream_t stream) {
+  const std::uint32_t n = state.primitives().n;
+  sum_before(w, w.tile_counts, w.tile_offsets, n, stream);
+  launch_list(n, w.tile_counts, 1, w.tile_offsets, w.order, stream);
+  // Every array fits in the sums of the tile instances, which no step needs now.
+  auto* moved = reinterpret_cast<std::uint32_t*>(w.partials);
+  for (const DeviceState::Array& array : state.arrays()) {
+    const std::size_t words = kept * static_cast<std::size_t>(array.words);
+    launch_gather(array.data, moved, w.order, kept, array.words, stream);
+    STGS_TRY(cuda_status(cudaMemcpyAsync(array.data, moved, words * sizeof(std::uint32_t),
+                                         cudaMemcpyDeviceToDevice, stream),
+                         "moving the primitives that are kept"));
+  }
+  state.resize(kept);
+  return {};
+}
+
+Status Densifier::reset_statistics(const Primitives& p, cudaStream_t stream) {
+  void* const arrays[] = {p.gradient_sum, p.abs_gradient_sum, p.error_max, p.views};
+  for (void* array : arrays) {
+    STGS_TRY(cuda_status(cudaMemsetAsync(array, 0, p.n * sizeof(float), stream),
+                         "clearing the statistics"));
+  }
+  return {};
+}
+
+Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters& parameters,
+                                      const DensifyContext& context, std::uint64_t iteration,
+                                      const Workspace& w, cudaStream_t stream) {
+  const DensifyRules rules = densify_rules(parameters, context);
+  const std::size_t before = state.primitives().n;
+  STGS_TRY(clear_totals(stream));
+  launch_mark_alive(state.primitives(), rules, w.tile_counts, totals_.data(), stream);
+  STGS_ASSIGN(DensifyTotals totals, read_totals(stream));
+  DensifyCounts counts;
+  counts.broken = totals.broken;
+  counts.removed = before - totals.kept;
+  if (counts.removed > 0) STGS_TRY(keep(state, totals.kept, w, stream));
+
+  launch_urgency(state.primitives(), rules, w.depth_keys, totals_.data(), stream);
+  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.kept, kAllBits, stream);
+  STGS_ASSIGN(totals, read_totals(stream));
+  const std::size_t present = state.primitives().n;
+  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
+  const std::size_t room = most > present ? most - present : 0;
+  const auto step =
+      context.plain
+          ? room
+          : static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
+  const std::size_t chosen = std::min<std::size_t>({totals.candidates, room, step});
+  launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen),
+                w.tile_counts, w.depth_keys, totals_.data(), stream);
+  sum_before(w, w.tile_counts, w.tile_offsets, present, stream);
+  sum_before(w, w.depth_keys, w.depth_sorted, present, stream);
+  launch_grow(state.primitives(), rules, w.tile_counts, w.tile_offsets, w.depth_sorted,
+              {context.seed, iteration}, stream);
+  STGS_ASSIGN(totals, read_totals(stream));
+  counts.split = totals.split;
+  counts.cloned = chosen - totals.split;
+  state.resize(present + chosen);
+  STGS_TRY(reset_statistics(state.primitives(), stream));
+  return counts;
+}
+
+Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParameters& parameters,
+                                         const DensifyContext& context, std::uint64_t iteration,
+                                         const Workspace& w, cudaStream_t stream) {
+  DensifyCounts counts;
+  const Primitives& p = state.primitives();
+  if (p.n == 0) return counts;
+  const DensifyRules rules = densify_rules(parameters, context);
+  STGS_TRY(clear_totals(stream));
+  launch_mark_alive(p, rules, w.tile_counts, totals_.data(), stream);
+  // E's 99th percentile counts as 1; errors are not negative, so their bits ascend with them.
+  const auto* errors = reinterpret_cast<const std::uint32_t*>(p.error_max);
+  sort_indices(w, errors, w.depth_sorted, w.order, p.n, kAllBits, stream);
+  const ScoreRules score{parameters.score_error, parameters.score_opacity,
+                         parameters.score_lifespan};
+  launch_scores(p, score, context.modulated, w.tile_counts, w.depth_sorted + (p.n - 1 - p.n / 100),
+                w.depth_keys, stream);
+  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, p.n, kAllBits, stream);
+  auto* dead = reinterpret_cast<std::uint32_t*>(w.ranges);
+  launch_invert(p.n, w.tile_counts, stream);
+  sum_before(w, w.tile_counts, w.tile_offsets, p.n, stream);
+  launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
+  STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
+  const auto limit = static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(p.n));
+  counts.broken = totals.broken;
+  counts.replaced = std::min<std::size_t>({p.n - totals.kept, totals.kept, limit});
+  launch_replace(p, w.order, dead, static_cast<std::uint32_t>(counts.replaced),
+                 {context.seed, iteration}, stream);
+  STGS_TRY(cuda_status(cudaGetLastError(), "replacing primitives"));
+  STGS_TRY(reset_statistics(p, stream));
+  return counts;
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// What several kernels share: loading a splat, its alpha, the ellipse test, warp sums, Adam.
+#pragma once
+
+#include "backend/cuda/kernels.h"
+#include "stgs/format/math/blend.h"
+#include "train/adam.h"
+
+namespace stgs::encoder::cuda {
+
+constexpr float kLog2E = 1.44269504f;
+constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
+constexpr unsigned kAllLanes = 0xFFFFFFFFu;
+
+__device__ inline ScreenSplat load_splat(const ScreenSplat* splats, std::uint32_t i) {
+  const float4* p = reinterpret_cast<const float4*>(splats + i);
+  const float4 a = __ldg(p), b = __ldg(p + 1), c = __ldg(p + 2);
+  return {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
+}
+
+// log2 of the splat's alpha before it is cut at kAlphaMax, at an offset from its mean.
+__device__ inline float log2_alpha(const ScreenSplat& s, float dx, float dy) {
+  const float along = fmaf(s.half_xx, dx, s.cross * dy);
+  return fminf(s.most, fmaf(dx, along, fmaf(s.half_yy * dy, dy, s.most)));
+}
+
+__device__ inline float exp2_fast(float x) {
+  float y;
+  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+  return y;
+}
+
+// 1 / x within 1 ulp, for x that is neither tiny nor huge.
+__device__ inline float reciprocal_fast(float x) {
+  float y;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
+  return y;
+}
+
+// Least -log2 of falloff on the segment where one offset is `fixed` and the other in [low, high],
+// less the rounding error that the blend may make there (raster_bin.cpp).
+__device__ inline float edge_minimum(float across, float cross, float along, float fixed, float low,
+                                     float high) {
+  const float best = __fdividef(-0.5f * cross * fixed, along);
+  const float free = fminf(fmaxf(best, low), high);
+  const float a = across * fixed * fixed, b = along * free * free, c = cross * fixed * free;
+  return a + b + c - 1e-6f * (a + b + fabsf(c));
+}
+
+// Whether any point of the rectangle [x0,x1] x [y0,y1] of pixel centres lies in the ellipse where
+// the splat is drawn.
+__device__ inline bool ellipse_meets(const ScreenSplat& s, float x0, float x1, float y0, float y1) {
+  x0 -= s.x;
+  x1 -= s.x;
+  y0 -= s.y;
+  y1 -= s.y;
+  const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
+  if (in_x && in_y) return true;
+  const float limit = s.most - kLog2Threshold + 0.5e-4f * kLog2E;
+  const float xx = -s.half_xx, xy = -s.cross, yy = -s.half_yy;
+  // A convex form is least on an edge that faces its centre.
+  if (!in_x && edge_minimum(xx, xy, yy, x0 > 0.0f ? x0 : x1, y0, y1) <= limit) return true;
+  return !in_y && edge_minimum(yy, xy, xx, y0 > 0.0f ? y0 : y1, x0, x1) <= limit;
+}
+
+template <typename T>
+__device__ inline T warp_sum(T x) {
+  for (int step = 16; step > 0; step >>= 1) x += __shfl_xor_sync(kAllLanes, x, step);
+  return x;
+}
+
+__device__ inline float sqrt_fast(float x) {
+  float y;
+  asm("sqrt.approx.f32 %0, %1;" : "=f"(y) : "f"(x));
+  return y;
+}
+
+// One Adam step on one value (adam_step of train/adam.h).
+struct AdamFactors {
+  float first, second_root;
+};
+
+__device__ inline AdamFactors adam_factors(std::uint32_t updates) {
+  const float n = static_cast<float>(updates);
+  return {1.0f / (1.0f - powf(kAdamBeta1, n)), 1.0f / sqrtf(1.0f - powf(kAdamBeta2, n))};
+}
+
+__device__ inline float adam(float value, float& first, float& second, float gradient, float rate,
+                             AdamFactors factors) {
+  first = kAdamBeta1 * first + (1.0f - kAdamBeta1) * gradient;
+  second = kAdamBeta2 * second + (1.0f - kAdamBeta2) * gradient * gradient;
+  const float scale = sqrt_fast(second) * factors.second_root + kAdamEpsilon;
+  return value - rate * __fdividef(first * factors.first, scale);
+}
+
+}  // namespace stgs::encoder::cuda

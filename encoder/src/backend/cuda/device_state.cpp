@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/device_state.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cstring>
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr std::size_t kAlignment = 64;                // of each array, words
+constexpr std::size_t kChunk = std::size_t{1} << 18;  // words a task copies
+constexpr int kMapWords = 12;
+
+std::size_t aligned(std::size_t words) {
+  return (words + kAlignment - 1) / kAlignment * kAlignment;
+}
+
+// Copies with all cores: one alone is slower than the bus.
+void copy(std::uint32_t* to, const std::uint32_t* from, std::size_t words) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words, kChunk),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      std::memcpy(to + range.begin(), from + range.begin(),
+                                  range.size() * sizeof(std::uint32_t));
+                    });
+}
+
+template <typename T>
+std::uint32_t* words_of(std::vector<T>& array) {
+  static_assert(sizeof(T) % sizeof(std::uint32_t) == 0);
+  return reinterpret_cast<std::uint32_t*>(array.data());
+}
+
+int components_of(int attribute, int sh_coefficients) {
+  return attribute == kSh ? 3 * sh_coefficients : TrainState().components(attribute);
+}
+
+// Words a primitive of each array, in the order of arrays().
+std::vector<int> widths(int sh_coefficients) {
+  std::vector<int> all;
+  for (int a = 0; a < kAttributes; ++a) all.insert(all.end(), 3, components_of(a, sh_coefficients));
+  const int rest[] = {3, 1, 1, 1, 1, 1, 1};  // u, sigma, updates, statistics
+  all.insert(all.end(), std::begin(rest), std::end(rest));
+  return all;
+}
+
+}  // namespace
+
+std::size_t DeviceState::bytes(std::size_t n, int sh_coefficients) {
+  std::size_t words = 0;
+  for (int width : widths(sh_coefficients)) words += aligned(n * static_cast<std::size_t>(width));
+  return words * sizeof(std::uint32_t);
+}
+
+Status DeviceState::reserve(std::size_t n, int sh_coefficients) {
+  if (n <= capacity_ && sh_coefficients == primitives_.sh_coefficients) return {};
+  capacity_ = 0;
+  STGS_TRY(memory_.ensure(bytes(n, sh_coefficients) / sizeof(std::uint32_t)));
+  STGS_TRY(staging_.ensure(bytes(n, sh_coefficients) / sizeof(std::uint32_t)));
+  arrays_.clear();
+  std::size_t at = 0;
+  for (int width : widths(sh_coefficients)) {
+    arrays_.push_back({memory_.data() + at, width});
+    at += aligned(n * static_cast<std::size_t>(width));
+  }
+  capacity_ = n;
+  primitives_ = {};
+  primitives_.sh_coefficients = sh_coefficients;
+  const auto floats = [&](int k) { return reinterpret_cast<float*>(arrays_[k].data); };
+  for (int a = 0; a < kAttributes; ++a) {
+    primitives_.values[a] = floats(3 * a);
+    primitives_.first[a] = floats(3 * a + 1);
+    primitives_.second[a] = floats(3 * a + 2);
+  }
+  constexpr int kRest = 3 * kAttributes;
+  primitives_.u = floats(kRest);
+  primitives_.sigma = floats(kRest + 1);
+  primitives_.updates = arrays_[kRest + 2].data;
+  primitives_.gradient_sum = floats(kRest + 3);
+  primitives_.abs_gradient_sum = floats(kRest + 4);
+  primitives_.error_max = floats(kRest + 5);
+  primitives_.views = arrays_[kRest + 6].data;
+  return {};
+}
+
+std::vector<std::uint32_t*> DeviceState::host_arrays(TrainState& state) {
+  std::vector<std::uint32_t*> all;
+  for (int a = 0; a < kAttributes; ++a) {
+    all.push_back(words_of(state.values(a)));
+    all.push_back(words_of(state.moments[a].first));
+    all.push_back(words_of(state.moments[a].second));
+  }
+  all.push_back(words_of(state.set.velocity));
+  all.push_back(words_of(state.set.sigma));
+  all.push_back(words_of(state.updates));
+  all.push_back(words_of(state.statistics.gradient_sum));
+  all.push_back(words_of(state.statistics.abs_gradient_sum));
+  all.push_back(words_of(state.statistics.error_max));
+  all.push_back(words_of(state.statistics.views));
+  return all;
+}
+
+Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
+  STGS_TRY(reserve(std::max(state.size(), capacity_), state.set.sh_coefficients()));
+  resize(state.size());
+  // The arrays are only read here.
+  const std::vector<std::uint32_t*> host = host_arrays(const_cast<TrainState&>(state));
+  std::uint32_t* staged = staging_.data();
+  for (std::size_t k = 0; k < host.size(); ++k) {
+    const std::size_t words = state.size() * static_cast<std::size_t>(arrays_[k].words);
+    if (words == 0) continue;
+    copy(staged, host[k], words);
+    STGS_TRY(cuda_status(cudaMemcpyAsync(arrays_[k].data, staged, words * sizeof(std::uint32_t),
+                                         cudaMemcpyHostToDevice, stream),
+                         "copying the state to the GPU"));
+    staged += words;
+  }
+  return upload_colour(state, stream);
+}
+
+Status DeviceState::download(TrainState& state, cudaStream_t stream) {
+  state.resize(primitives_.n);
+  const std::vector<std::uint32_t*> host = host_arrays(state);
+  std::uint32_t* staged = staging_.data();
+  for (const Array& array : arrays_) {
+    const std::size_t words = state.size() * static_cast<std::size_t>(array.words);
+    if (words == 0) continue;
+    STGS_TRY(cuda_status(cudaMemcpyAsync(staged, array.data, words * sizeof(std::uint32_t),
+                                         cudaMemcpyDeviceToHost, stream),
+                         "copying the state from the GPU"));
+    staged += words;
+  }
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "copying the state from the GPU"));
+  staged = staging_.data();
+  for (std::size_t k = 0; k < host.size(); ++k) {
+    const std::size_t words = state.size() * static_cast<std::size_t>(arrays_[k].words);
+    copy(host[k], staged, words);
+    staged += words;
+  }
+  return download_colour(state);
+}
+
+std::vector<ColourMap>* DeviceState::colour_arrays(TrainState& state, int which) {
+  std::vector<ColourMap>* const arrays[] = {&state.colour, &state.colour_first,
+                                            &state.colour_second};
+  return arrays[which];
+}
+
+Status DeviceState::upload_colour(const TrainState& state, cudaStream_t stream) {
+  const std::size_t cameras = state.colour.size(), words = kMapWords * cameras;
+  STGS_TRY(colour_memory_.ensure(3 * words + cameras));
+  std::uint32_t* at = colour_memory_.data();
+  float** const places[] = {&colour_.map, &colour_.first, &colour_.second};
+  colour_.cameras = static_cast<std::uint32_t>(cameras);
+  for (int k = 0; k < 3; ++k, at += words) {
+    *places[k] = reinterpret_cast<float*>(at);
+    // Small, and not pinned: the call returns when it has been read.
+    STGS_TRY(
+        cuda_status(cudaMemcpyAsync(at, colour_arrays(const_cast<TrainState&>(state), k)->data(),
+                                    words * sizeof(std::uint32_t), cudaMemcpyHostToDevice, stream),
+                    "copying the colours to the GPU"));
+  }
+  colour_.updates = at;
+  return cuda_status(
+      cudaMemcpyAsync(at, state.colour_updates.data(), cameras * sizeof(std::uint32_t),
+                      cudaMemcpyHostToDevice, stream),
+      "copying the colours to the GPU");
+}
+
+Status DeviceState::download_colour(TrainState& state) {
+  const float* const places[] = {colour_.map, colour_.first, colour_.second};
+  for (int k = 0; k < 3; ++k) {
+    STGS_TRY(cuda_status(cudaMemcpy(colour_arrays(state, k)->data(), places[k],
+                                    colour_.cameras * sizeof(ColourMap), cudaMemcpyDeviceToHost),
+                         "copying the colours from the GPU"));
+  }
+  return cuda_status(cudaMemcpy(state.colour_updates.data(), colour_.updates,
+                                colour_.cameras * sizeof(std::uint32_t), cudaMemcpyDeviceToHost),
+                     "copying the colours from the GPU");
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// A TrainState on the GPU, and its way there and back.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "backend/cuda/kernels.h"
+#include "backend/cuda/memory.h"
+#include "train/train_state.h"
+
+namespace stgs::encoder::cuda {
+
+// Primitives are appended and removed in place: an array has its place for as many as were
+// reserved.
+class DeviceState {
+ public:
+  // An array with one entry a primitive, as 4-byte words.
+  struct Array {
+    std::uint32_t* data;
+    int words;  // a primitive
+  };
+
+  // Bytes of device memory for n primitives.
+  static std::size_t bytes(std::size_t n, int sh_coefficients);
+
+  // Memory for up to n primitives, so that uploads allocate nothing.
+  Status reserve(std::size_t n, int sh_coefficients);
+  // Copies the state to the device; returns when `state` may be changed again, which is before the
+  // copy has ended on the stream.
+  Status upload(const TrainState& state, cudaStream_t stream);
+  // Copies everything back, resizing `state`, and waits for it.
+  Status download(TrainState& state, cudaStream_t stream);
+  // Says how many primitives there are now; at most capacity().
+  void resize(std::size_t n) { primitives_.n = static_cast<std::uint32_t>(n); }
+
+  std::size_t capacity() const { return capacity_; }
+  const Primitives& primitives() const { return primitives_; }
+  const ColourMaps& colour() const { return colour_; }
+  const std::vector<Array>& arrays() const { return arrays_; }
+
+ private:
+  // The host's side of arrays(), in the same order.
+  static std::vector<std::uint32_t*> host_arrays(TrainState& state);
+  static std::vector<ColourMap>* colour_arrays(TrainState& state, int which);
+  Status upload_colour(const TrainState& state, cudaStream_t stream);
+  Status download_colour(TrainState& state);
+
+  std::size_t capacity_ = 0;
+  DeviceArray<std::uint32_t> memory_, colour_memory_;
+  PinnedArray<std::uint32_t> staging_;
+  std::vector<Array> arrays_;
+  Primitives primitives_;
+  ColourMaps colour_;
+};
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// The end of the step: the losses for the host, and the colour maps.
+#include "backend/cuda/device.cuh"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr int kQuantities = kLossSums + 2;  // L1 and colour, SSIM, regularisers
+constexpr int kBlock = 512;
+constexpr int kMapSize = 12;
+
+struct FinishArguments {
+  Counters* counters;
+  const float *loss_sums, *ssim_sums;
+  const double* regulariser_sums;
+  std::uint32_t loss_blocks, update_blocks;
+  double values;  // pixels times channels
+  LossWeights weights;
+  ColourMaps colour;
+  std::uint32_t index;
+  float rate;
+  StepRecord* record;
+};
+
+// Sums of all quantities over their blocks, in an order that their numbers alone decide.
+__device__ void sum_all(const FinishArguments& a, double (&sums)[kQuantities]) {
+  __shared__ double warps[kQuantities][kBlock / 32];
+  // A thread adds up a few blocks; in float, which is quicker, as a block's own sum is.
+  float own[kLossSums + 1] = {};
+  double regularisers = 0.0;
+  for (std::uint32_t k = threadIdx.x; k < a.loss_blocks; k += kBlock) {
+#pragma unroll
+    for (int q = 0; q < kLossSums; ++q) own[q] += a.loss_sums[q * a.loss_blocks + k];
+    own[kLossSums] += a.ssim_sums[k];
+  }
+  for (std::uint32_t k = threadIdx.x; k < a.update_blocks; k += kBlock)
+    regularisers += a.regulariser_sums[k];
+#pragma unroll
+  for (int q = 0; q < kQuantities; ++q) {
+    const double sum =
+        warp_sum(q < kQuantities - 1 ? double{own[min(q, kLossSums)]} : regularisers);
+    if ((threadIdx.x & 31) == 0) warps[q][threadIdx.x / 32] = sum;
+  }
+  __syncthreads();
+  if (threadIdx.x < kQuantities) {
+    double sum = 0.0;
+    for (double part : warps[threadIdx.x]) sum += part;
+    sums[threadIdx.x] = sum;
+  }
+  __syncthreads();
+}
+
+__device__ void write_record(const FinishArguments& a, const double* sums) {
+  StepRecord record;
+  record.overflow = a.counters->overflow;
+  record.instances = a.counters->instances;
+  record.visible = a.counters->visible;
+  record.l1 = sums[0] / a.values;
+  record.ssim = sums[kLossSums] / a.values;
+  record.loss = a.weights.l1 * record.l1 + a.weights.ssim * (1.0 - record.ssim);
+  if (record.visible > 0) record.loss += sums[kLossSums + 1] / record.visible;
+  *a.record = record;
+  a.counters->instances = 0;
+  a.counters->visible = 0;
+}
+
+// Entry k of every map: Adam on the camera's own, then the mean goes back to the identity.
+__device__ void update_colour(const FinishArguments& a, int k, float gradient,
+                              AdamFactors factors) {
+  const ColourMaps& colour = a.colour;
+  const std::size_t at = std::size_t{kMapSize} * a.index + k;
+  colour.map[at] =
+      adam(colour.map[at], colour.first[at], colour.second[at], gradient, a.rate, factors);
+  float mean = 0.0f;
+  for (std::uint32_t c = 0; c < colour.cameras; ++c) mean += colour.map[kMapSize * c + k];
+  const float identity = k < 9 && k % 4 == 0 ? 1.0f : 0.0f;
+  const float excess = mean / static_cast<float>(colour.cameras) - identity;
+  for (std::uint32_t c = 0; c < colour.cameras; ++c) colour.map[kMapSize * c + k] -= excess;
+}
+
+__global__ void __launch_bounds__(kBlock) finish(const FinishArguments a) {
+  __shared__ double sums[kQuantities];
+  const bool overflow = a.counters->overflow != 0;
+  sum_all(a, sums);
+  if (threadIdx.x >= 32) return;
+  const std::uint32_t updates = a.colour.updates[a.index] + 1;
+  __syncwarp();
+  if (threadIdx.x < kMapSize && !overflow)
+    update_colour(a, static_cast<int>(threadIdx.x), static_cast<float>(sums[1 + threadIdx.x]),
+                  adam_factors(updates));
+  if (threadIdx.x != 0) return;
+  if (!overflow) a.colour.updates[a.index] = updates;
+  write_record(a, sums);
+}
+
+}  // namespace
+
+void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,
+                   const ColourMaps& colour, std::uint32_t index, float rate, StepRecord* record,
+                   const Workspace& w, cudaStream_t stream) {
+  const FinishArguments arguments{w.counters,
+                                  w.loss_sums,
+                                  w.ssim_sums,
+                                  w.regulariser_sums,
+                                  static_cast<std::uint32_t>(loss_blocks(view.width, view.height)),
+                                  static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock)),
+                                  3.0 * view.width * view.height,
+                                  weights,
+                                  colour,
+                                  index,
+                                  rate,
+                                  record};
+  finish<<<1, kBlock, 0, stream>>>(arguments);
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slice at t, one primitive a thread: raster_slice.cpp's make_splat.
+#include "backend/cuda/device.cuh"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/sh.h"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+using namespace math;
+
+constexpr int kBlock = 256;
+// ln(1/threshold), rounded up: the farthest that anything is drawn in time.
+constexpr float kReachMax = 5.55f;
+
+__device__ Vec3 read3(const float* array, std::uint32_t i) {
+  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
+}
+
+// False where the distance or a sum of the harmonics is not finite.
+__device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, ScreenSplat& out) {
+  const float square = dot3(from_camera, from_camera);
+  const float n = 1.0f / sqrtf(square);
+  const ShBasis basis = sh_basis({from_camera.x * n, from_camera.y * n, from_camera.z * n});
+  Vec3 sum{0, 0, 0};
+#pragma unroll
+  for (int k = 0; k < kShMaxCoefficients; ++k) {
+    if (k >= coefficients) break;
+    sum.x += basis.v[k] * sh[3 * k];
+    sum.y += basis.v[k] * sh[3 * k + 1];
+    sum.z += basis.v[k] * sh[3 * k + 2];
+  }
+  out.red = sh_colour(sum.x);
+  out.green = sh_colour(sum.y);
+  out.blue = sh_colour(sum.z);
+  return isfinite(square) && isfinite(sum.x) && isfinite(sum.y) && isfinite(sum.z);
+}
+
+__device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& view,
+                           ScreenSplat& out) {
+  const float dt = view.ticks - p.values[kTime][i];
+  const float sigma = p.sigma[i], radius = p.values[kRadius][i];
+  const float beyond = fabsf(dt) - radius;
+  if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
+  const Vec3 position = position_at(read3(p.values[kPosition], i), read3(p.u, i), dt);
+  if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
+  const float opacity = opacity_of(p.values[kOpacity][i]) * visibility(dt, sigma, radius);
+  if (!(opacity >= kAlphaThreshold)) return false;
+
+  const Vec3 log_scale = read3(p.values[kLogScale], i);
+  const float4 r = reinterpret_cast<const float4*>(p.values[kRotation])[i];
+  const Sym3 covariance = covariance_of({r.x, r.y, r.z, r.w},
+                                        {expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)});
+  const Projection q = project_gaussian(view.camera, position, covariance);
+  if (!q.visible) return false;
+  const float elongation = q.covariance.xx * q.conic.xx;
+  if (!isfinite(elongation) || !isfinite(q.conic.xy)) return false;
+  const Vec2 extent = splat_extent(q.covariance, opacity, kAlphaThreshold);
+  const float slack = 1.0f + 1e-6f * (1.0f + elongation);
+  out.extent_x = extent.x * slack;
+  out.extent_y = extent.y * slack;
+  if (!(q.mean.x + out.extent_x >= 0.0f && q.mean.y + out.extent_y >= 0.0f &&
+        q.mean.x - out.extent_x <= view.camera.width &&
+        q.mean.y - out.extent_y <= view.camera.height))
+    return false;
+
+  out.x = q.mean.x;
+  out.y = q.mean.y;
+  out.half_xx = -0.5f * kLog2E * q.conic.xx;
+  out.cross = -kLog2E * q.conic.xy;
+  out.half_yy = -0.5f * kLog2E * q.conic.yy;
+  out.most = log2f(opacity);
+  out.depth = q.depth;
+  const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
+                         position.z - view.centre.z};
+  return isfinite(q.depth) && colour_of(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i,
+                                        view.coefficients, from_camera, out);
+}
+
+__global__ void __launch_bounds__(kBlock)
+    slice(const Primitives p, const View view, ScreenSplat* splats, std::uint32_t* depth_keys,
+          Counters* counters) {
+  const std::uint32_t i = blockIdx.x * kBlock + threadIdx.x;
+  ScreenSplat splat;
+  const bool visible = i < p.n && make_splat(p, i, view, splat);
+  if (i < p.n) depth_keys[i] = visible ? __float_as_uint(splat.depth) : kInvisible;
+  if (visible) splats[i] = splat;
+  const int count = __syncthreads_count(visible);
+  if (threadIdx.x == 0 && count > 0) atomicAdd(&counters->visible, count);
+}
+
+}  // namespace
+
+void launch_slice(const Primitives& p, const View& view, const Workspace& w, cudaStream_t stream) {
+  slice<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, view, w.splats, w.depth_keys, w.counters);
+}
+
+}  // namespace stgs::encoder::cuda

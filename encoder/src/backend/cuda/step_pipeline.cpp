@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/step_pipeline.h"
+
+#include <algorithm>
+
+namespace stgs::encoder::cuda {
+namespace {
+
+View view_of(const StepInput& input, int stored_coefficients) {
+  View view;
+  view.camera = input.camera;
+  view.centre = math::camera_centre(input.camera);
+  view.ticks = input.ticks;
+  view.coefficients = std::min((input.sh_degree + 1) * (input.sh_degree + 1), stored_coefficients);
+  view.width = static_cast<int>(input.camera.width);
+  view.height = static_cast<int>(input.camera.height);
+  view.tiles_x = (view.width + kTile - 1) / kTile;
+  view.tiles_y = (view.height + kTile - 1) / kTile;
+  return view;
+}
+
+UpdateSettings update_settings(const StepInput& input) {
+  UpdateSettings settings{};
+  settings.modulated = input.modulated;
+  settings.learn_radius = input.learn_radius;
+  settings.second_stage = input.second_stage;
+  settings.gather_statistics = input.gather_statistics;
+  std::copy(input.rates.begin(), input.rates.end(), settings.rates);
+  settings.rate_sh0 = input.rate_sh0;
+  settings.weight_lifespan = input.weight_lifespan;
+  settings.weight_opacity = input.weight_opacity;
+  settings.weight_scale = input.weight_scale;
+  return settings;
+}
+
+std::size_t tiles_of(int width, int height) {
+  return std::size_t{1} * ((width + kTile - 1) / kTile) * ((height + kTile - 1) / kTile);
+}
+
+}  // namespace
+
+std::size_t StepPipeline::bytes(std::size_t primitives, std::size_t pixels, std::size_t instances) {
+  constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + 6 * 4 + sizeof(uint2);
+  constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4;
+  constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
+  // The sort keeps a copy of its input.
+  const std::size_t items = std::max(primitives, instances);
+  return primitives * kPrimitive + pixels * kPixel + instances * kInstance + items * (4 + 9);
+}
+
+Status StepPipeline::create(cudaStream_t stream) {
+  STGS_TRY(counters_.ensure(1));
+  workspace_.counters = counters_.data();
+  return clear_overflow(stream);
+}
+
+Status StepPipeline::reserve(std::size_t primitives, int width, int height, std::size_t instances,
+                             cudaStream_t stream) {
+  const std::size_t pixels = std::size_t{1} * width * height;
+  if (primitives > splats_.capacity() || pixels > picture_.capacity() ||
+      tiles_of(width, height) >= tile_begin_.capacity() || instances > list_.capacity()) {
+    STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
+  }
+  STGS_TRY(reserve_primitives(primitives));
+  STGS_TRY(reserve_picture(width, height));
+  if (instances > list_.capacity()) {
+    // Half as much again, for the next steps may need a little more each.
+    STGS_TRY(reserve_instances(std::min(instances + instances / 2, kMaxInstances)));
+  }
+  const std::size_t items = std::max(primitives, list_.capacity());
+  if (items > iota_.capacity()) {
+    STGS_TRY(iota_.ensure(items));
+    launch_iota(iota_.data(), iota_.capacity(), stream);
+    workspace_.iota = iota_.data();
+    STGS_TRY(sort_memory_.ensure(sort_memory_bytes(iota_.capacity())));
+    workspace_.sort_memory = sort_memory_.data();
+    workspace_.sort_bytes = sort_memory_.capacity();
+  }
+  return {};
+}
+
+Status StepPipeline::reserve_primitives(std::size_t n) {
+  STGS_TRY(splats_.ensure(n));
+  for (auto* array :
+       {&depth_keys_, &depth_sorted_, &order_, &tile_counts_, &tile_masks_, &tile_offsets_})
+    STGS_TRY(array->ensure(n));
+  STGS_TRY(ranges_.ensure(n));
+  STGS_TRY(regulariser_sums_.ensure(n / kUpdateBlock + 1));
+  workspace_.splats = splats_.data();
+  workspace_.depth_keys = depth_keys_.data();
+  workspace_.depth_sorted = depth_sorted_.data();
+  workspace_.order = order_.data();
+  workspace_.tile_counts = tile_counts_.data();
+  workspace_.tile_masks = tile_masks_.data();
+  workspace_.tile_offsets = tile_offsets_.data();
+  workspace_.ranges = ranges_.data();
+  workspace_.regulariser_sums = regulariser_sums_.data();
+  return {};
+}
+
+Status StepPipeline::reserve_picture(int width, int height) {
+  const std::size_t pixels = std::size_t{1} * width * height;
+  const std::size_t blocks = loss_blocks(width, height);
+  STGS_TRY(picture_.ensure(pixels));
+  STGS_TRY(d_picture_.ensure(pixels));
+  STGS_TRY(last_.ensure(pixels));
+  STGS_TRY(slopes_.ensure(9 * pixels));
+  STGS_TRY(error_.ensure(pixels));
+  STGS_TRY(tile_begin_.ensure(tiles_of(width, height) + 1));
+  STGS_TRY(ssim_sums_.ensure(blocks));
+  STGS_TRY(loss_sums_.ensure(kLossSums * blocks));
+  workspace_.picture = picture_.data();
+  workspace_.d_picture = d_picture_.data();
+  workspace_.last = last_.data();
+  workspace_.slopes = slopes_.data();
+  workspace_.error = error_.data();
+  workspace_.tile_begin = tile_begin_.data();
+  workspace_.ssim_sums = ssim_sums_.data();
+  workspace_.loss_sums = loss_sums_.data();
+  return {};
+}
+
+Status StepPipeline::reserve_instances(std::size_t n) {
+  for (auto* array : {&owners_, &instance_tiles_, &tiles_sorted_, &instances_sorted_, &list_})
+    STGS_TRY(array->ensure(n));
+  STGS_TRY(partials_.ensure(kSums * n));
+  workspace_.owners = owners_.data();
+  workspace_.instance_tiles = instance_tiles_.data();
+  workspace_.tiles_sorted = tiles_sorted_.data();
+  workspace_.instances_sorted = instances_sorted_.data();
+  workspace_.list = list_.data();
+  workspace_.partials = partials_.data();
+  return {};
+}
+
+Status StepPipeline::clear_overflow(cudaStream_t stream) {
+  return cuda_status(cudaMemsetAsync(counters_.data(), 0, sizeof(Counters), stream),
+                     "clearing the counters");
+}
+
+Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
+                             const std::uint8_t* truth, std::size_t instances, StepRecord* record,
+                             cudaStream_t stream) {
+  const Primitives& primitives = state.primitives();
+  const View view = view_of(input, primitives.sh_coefficients);
+  const LossWeights weights{input.weight_l1, input.weight_ssim};
+  const auto index = static_cast<std::uint32_t>(input.colour_index);
+  const float* map = state.colour().map + kIdentityColour.size() * input.colour_index;
+  const Workspace& w = workspace_;
+  stage("begin");
+  launch_slice(primitives, view, w, stream);
+  stage("slice");
+  launch_bin(primitives.n, view, instances, w, stream);
+  stage("bin");
+  launch_blend(view, w, stream);
+  stage("blend");
+  launch_image_loss(view, truth, map, weights, w, stream);
+  stage("image_loss");
+  launch_blend_backward(view, w, stream);
+  stage("blend_backward");
+  launch_update(primitives, view, update_settings(input), w, stream);
+  stage("update");
+  launch_finish(view, primitives.n, weights, state.colour(), index, input.rate_colour, record, w,
+                stream);
+  stage("finish");
+  return cuda_status(cudaGetLastError(), "starting a step");
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kernels of one step in their order, and the buffers between them.
+#pragma once
+
+#include <functional>
+
+#include "backend/backend.h"
+#include "backend/cuda/device_state.h"
+#include "backend/cuda/kernels.h"
+#include "backend/cuda/memory.h"
+
+namespace stgs::encoder::cuda {
+
+class StepPipeline {
+ public:
+  // Called with a stage's name when all its work and that of the stages before is enqueued.
+  using StageObserver = std::function<void(const char* stage)>;
+
+  // Bytes of device memory for such steps.
+  static std::size_t bytes(std::size_t primitives, std::size_t pixels, std::size_t instances);
+
+  Status create(cudaStream_t stream);
+  // Memory for steps of this size; waits for the stream where it has to grow.
+  Status reserve(std::size_t primitives, int width, int height, std::size_t instances,
+                 cudaStream_t stream);
+  // Enqueues a step with room for `instances` tile instances; the size is reserved. `record` is
+  // mapped host memory as the device addresses it.
+  Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* truth,
+                 std::size_t instances, StepRecord* record, cudaStream_t stream);
+  // Lets steps change the state again after an overflow.
+  Status clear_overflow(cudaStream_t stream);
+
+  void observe(StageObserver observer) { observer_ = std::move(observer); }
+  // The device buffers, as the last step left them.
+  const Workspace& workspace() const { return workspace_; }
+
+ private:
+  Status reserve_primitives(std::size_t n);
+  Status reserve_picture(int width, int height);
+  Status reserve_instances(std::size_t n);
+  void stage(const char* name) {
+    if (observer_) observer_(name);
+  }
+
+  StageObserver observer_;
+  Workspace workspace_;
+  DeviceArray<Counters> counters_;
+  DeviceArray<std::uint32_t> iota_;
+  DeviceArray<ScreenSplat> splats_;
+  DeviceArray<std::uint32_t> depth_keys_, depth_sorted_, order_, tile_counts_, tile_masks_,
+      tile_offsets_;
+  DeviceArray<uint2> ranges_;
+  DeviceArray<std::uint32_t> owners_, instance_tiles_, tiles_sorted_, instances_sorted_, list_;
+  DeviceArray<std::uint32_t> tile_begin_, last_;
+  DeviceArray<float> partials_, slopes_, error_, ssim_sums_, loss_sums_;
+  DeviceArray<float4> picture_, d_picture_;
+  DeviceArray<double> regulariser_sums_;
+  DeviceArray<std::uint8_t> sort_memory_;
+};
+
+}  // namespace stgs::encoder::cuda

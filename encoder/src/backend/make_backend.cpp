@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/backend.h"
+
+namespace stgs::encoder {
+
+#if !STGS_HAS_CUDA
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend() {
+  return not_built("backend 'cuda' cannot train in this build; use --backend cpu");
+}
+#endif
+
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name) {
+  if (name == "cpu") return make_cpu_backend();
+  if (name == "cuda") return make_cuda_backend();
+  if (name != "auto") {
+    return not_built("backend '{}' cannot train in this build; use --backend cpu", name);
+  }
+  Result<std::unique_ptr<TrainBackend>> cuda = make_cuda_backend();
+  if (cuda.ok()) return cuda;
+  const StatusCode code = cuda.status().code();
+  if (code != StatusCode::kNotBuilt && code != StatusCode::kUnsupported) return cuda;
+  return make_cpu_backend();
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// A step of the CUDA training backend: milliseconds in all and a stage, by primitives and pixels.
+// Usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
+// Prints one JSON line a case. Scenes are random and opaque like a trained one: primitives get
+// smaller as their number grows and larger in pixels with the picture.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <string>
+
+#include "backend/cuda/cuda_backend.h"
+#include "train_scene.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+namespace {
+
+struct Case {
+  std::size_t primitives;
+  int width, height;
+};
+
+struct Settings {
+  int steps = 60, sh_degree = 2;
+};
+
+using Clock = std::chrono::steady_clock;
+
+// Milliseconds between the events that the pipeline's observer has recorded.
+class StageTimes {
+ public:
+  explicit StageTimes(cudaStream_t stream) : stream_(stream) {}
+  ~StageTimes() {
+    for (const auto& [name, event] : marks_) cudaEventDestroy(event);
+  }
+  void mark(const char* stage) {
+    cudaEvent_t event = nullptr;
+    if (cudaEventCreate(&event) != cudaSuccess) return;
+    cudaEventRecord(event, stream_);
+    marks_.emplace_back(stage, event);
+  }
+  // Means over the steps marked, in the stages' order.
+  std::vector<std::pair<std::string, double>> means(int steps) const {
+    std::vector<std::pair<std::string, double>> sums;
+    for (std::size_t k = 1; k < marks_.size(); ++k) {
+      if (std::strcmp(marks_[k].first, "begin") == 0) continue;
+      float ms = 0;
+      cudaEventElapsedTime(&ms, marks_[k - 1].second, marks_[k].second);
+      auto at = std::find_if(sums.begin(), sums.end(),
+                             [&](const auto& sum) { return sum.first == marks_[k].first; });
+      if (at == sums.end()) at = sums.insert(sums.end(), {marks_[k].first, 0.0});
+      at->second += static_cast<double>(ms) / steps;
+    }
+    return sums;
+  }
+
+ private:
+  cudaStream_t stream_;
+  std::vector<std::pair<const char*, cudaEvent_t>> marks_;
+};
+
+bool failed(const Status& status) {
+  if (!status.ok()) std::fprintf(stderr, "bench_train_cuda: %s\n", status.message().c_str());
+  return !status.ok();
+}
+
+Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& settings, int steps,
+                 const std::vector<Image8>& truths, StepOutput& last) {
+  for (int s = 0; s < steps; ++s) {
+    math::PinholeCamera camera = scene_camera(c.width, c.height);
+    camera.translation.x += 0.02f * static_cast<float>(s % 5);
+    StepInput input = train_step(camera, truths[s % truths.size()],
+                                 8.0f + static_cast<float>(s % 5), settings.sh_degree);
+    input.colour_index = static_cast<std::size_t>(s) % 3;
+    // The scene stays as it is.
+    input.rates = {};
+    input.rate_sh0 = input.rate_colour = 0.0f;
+    STGS_TRY(backend.step(input));
+  }
+  STGS_ASSIGN(const std::vector<StepOutput> outputs, backend.read());
+  last = outputs.back();
+  return {};
+}
+
+Status measure(const Case& c, const Settings& settings) {
+  SceneShape shape;
+  shape.sh_degree = settings.sh_degree;
+  // 200,000 primitives cover 640 pixels' width at the shape's own size.
+  shape.log_scale_mean = -4.4f - 0.5f * std::log(static_cast<float>(c.primitives) / 200000.0f);
+  TrainState state =
+      train_state(random_scene(c.primitives, scene_camera(c.width, c.height), 5, shape), 3);
+  std::vector<Image8> truths;
+  for (unsigned k = 0; k < 4; ++k) truths.push_back(random_truth(c.width, c.height, k));
+  std::size_t free_before = 0, free_after = 0, total = 0;
+  cudaMemGetInfo(&free_before, &total);
+  cuda::CudaBackend backend;
+  STGS_TRY(backend.create());
+  STGS_TRY(backend.reserve({state.size(), state.set.sh_coefficients(), c.width, c.height}));
+  Clock::time_point start = Clock::now();
+  STGS_TRY(backend.begin(state));
+  STGS_TRY(backend.synchronise());
+  STGS_TRY(backend.begin(state));
+  STGS_TRY(backend.synchronise());
+  const double copies = std::chrono::duration<double, std::milli>(Clock::now() - start).count() / 2;
+  StepOutput last;
+  STGS_TRY(run_steps(backend, c, settings, 20, truths, last));
+  start = Clock::now();
+  STGS_TRY(run_steps(backend, c, settings, settings.steps, truths, last));
+  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  // Statistics are there from the steps; with thresholds out of reach the scene stays as it is.
+  HyperParameters parameters;
+  parameters.max_primitives = static_cast<int>(c.primitives);
+  parameters.clone_gradient = parameters.split_gradient = 1e9;
+  parameters.prune_opacity = 0.0;
+  parameters.prune_scale = 1e9;
+  start = Clock::now();
+  for (const bool refining : {false, true}) {
+    STGS_TRY(backend.densify({&parameters, {}, refining, false}).status());
+  }
+  const double densify = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  StageTimes times(backend.stream());
+  backend.pipeline().observe([&](const char* stage) { times.mark(stage); });
+  STGS_TRY(run_steps(backend, c, settings, 20, truths, last));
+  cudaMemGetInfo(&free_after, &total);
+  std::printf(
+      "{\"primitives\": %zu, \"width\": %d, \"height\": %d, \"sh_degree\": %d, "
+      "\"visible\": %zu, \"instances\": %zu, \"ms_a_step\": %.4f, ",
+      c.primitives, c.width, c.height, settings.sh_degree, last.visible, backend.instances_seen(),
+      1e3 * seconds / settings.steps);
+  for (const auto& [name, ms] : times.means(20)) std::printf("\"%s\": %.4f, ", name.c_str(), ms);
+  std::printf(
+      "\"grow_and_replace_ms\": %.2f, \"copy_there_and_back_ms\": %.2f, "
+      "\"gpu_memory_mib\": %.0f}\n",
+      densify, copies, static_cast<double>(free_before - free_after) / (1 << 20));
+  std::fflush(stdout);
+  return {};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Settings settings;
+  Case only{0, 640, 360};
+  for (int i = 1; i < argc; ++i) {
+    unsigned long long n = 0;
+    if (std::sscanf(argv[i], "steps=%d", &settings.steps) == 1 ||
+        std::sscanf(argv[i], "sh_degree=%d", &settings.sh_degree) == 1 ||
+        std::sscanf(argv[i], "size=%dx%d", &only.width, &only.height) == 2)
+      continue;
+    if (std::sscanf(argv[i], "primitives=%llu", &n) == 1) {
+      only.primitives = n;
+      continue;
+    }
+    std::fprintf(stderr, "bench_train_cuda: '%s' is none of its options\n", argv[i]);
+    return 1;
+  }
+  // What a process needs before it has trained anything.
+  if (failed(cuda::CudaBackend().create())) return 5;
+  std::vector<Case> cases = {only};
+  if (only.primitives == 0) {
+    cases.clear();
+    for (const std::size_t n : {100000, 200000, 300000, 1000000}) {
+      cases.push_back({n, 640, 360});
+      cases.push_back({n, 1920, 1080});
+      cases.push_back({n, 3840, 2160});
+    }
+  }
+  for (const Case& c : cases) {
+    if (failed(measure(c, settings))) return 4;
+  }
+  return 0;
+}

@@ -1,0 +1,396 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CUDA training backend against the CPU's. Exit code 77: there is no device.
+//
+// Gradients are compared through Adam's first moments after one step from zero, which are 0.1 times
+// the gradient. Both backends round differently, and a pixel at the edge of a splat may be drawn by
+// one alone; so arrays are compared by the length of their difference against their own length.
+#define CATCH_CONFIG_RUNNER
+#include <catch2/catch.hpp>
+#include <cstdio>
+#include <filesystem>
+
+#include "backend/cuda/cuda_backend.h"
+#include "stgs/encoder/train.h"
+#include "stgs/format/raster.h"
+#include "synthetic_capture.h"
+#include "train_scene.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+namespace {
+
+constexpr const char* kAttributeNames[kAttributes] = {"position", "log_scale", "rotation",
+                                                      "opacity",  "sh",        "time",
+                                                      "velocity", "log_sigma", "radius"};
+
+struct Case {
+  std::size_t primitives;
+  int width, height;
+  int sh_degree;
+  SceneShape shape;
+};
+
+// |a - b| / |a|, in double; infinite where a number is not finite.
+template <typename T>
+double difference(const std::vector<T>& a, const std::vector<T>& b) {
+  if (a.size() != b.size()) return INFINITY;
+  double square = 0, length = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double d = static_cast<double>(a[i]) - static_cast<double>(b[i]);
+    square += d * d;
+    length += static_cast<double>(a[i]) * a[i];
+  }
+  const double share = length > 0 ? std::sqrt(square / length) : std::sqrt(square);
+  return std::isfinite(share) ? share : INFINITY;
+}
+
+std::vector<float> flat(const std::vector<ColourMap>& maps) {
+  std::vector<float> all;
+  for (const ColourMap& map : maps) all.insert(all.end(), map.begin(), map.end());
+  return all;
+}
+
+bool same_bits(const TrainState& a, const TrainState& b) {
+  bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
+              a.set.sigma == b.set.sigma && a.statistics.error_max == b.statistics.error_max &&
+              a.statistics.gradient_sum == b.statistics.gradient_sum;
+  for (int k = 0; k < kAttributes; ++k) {
+    same = same && a.values(k) == b.values(k) && a.moments[k].first == b.moments[k].first &&
+           a.moments[k].second == b.moments[k].second;
+  }
+  return same;
+}
+
+cuda::CudaBackend& cuda_backend() {
+  static cuda::CudaBackend backend;
+  static const Status status = backend.create();
+  REQUIRE(status.ok());
+  return backend;
+}
+
+void check(const Status& status) {
+  INFO(status.message());
+  REQUIRE(status.ok());
+}
+
+// Runs `steps` steps over a few moments and cameras; what each gave.
+std::vector<StepOutput> run(TrainBackend& backend, TrainState& state, const Case& c, int steps,
+                            const std::vector<Image8>& truths) {
+  check(backend.reserve({state.size(), state.set.sh_coefficients(), c.width, c.height}));
+  check(backend.begin(state));
+  for (int s = 0; s < steps; ++s) {
+    math::PinholeCamera camera = scene_camera(c.width, c.height);
+    camera.translation.x += 0.05f * static_cast<float>(s % 3);
+    StepInput input = train_step(camera, truths[s % truths.size()],
+                                 8.0f + static_cast<float>(s % 5), c.sh_degree);
+    input.colour_index = static_cast<std::size_t>(s) % state.colour.size();
+    check(backend.step(input));
+  }
+  Result<std::vector<StepOutput>> outputs = backend.read();
+  check(outputs.status());
+  check(backend.synchronise());
+  return *outputs;
+}
+
+std::vector<Image8> truths_of(const Case& c, int count) {
+  std::vector<Image8> truths;
+  for (int k = 0; k < count; ++k) truths.push_back(random_truth(c.width, c.height, 100 + k));
+  return truths;
+}
+
+TrainState state_of(const Case& c) {
+  SceneShape shape = c.shape;
+  shape.sh_degree = 3;
+  return train_state(random_scene(c.primitives, scene_camera(c.width, c.height), 5, shape), 3);
+}
+
+const std::vector<Case> kCases = {
+    {3000, 160, 96, 3, {}},   {500, 101, 67, 1, {3, -2.5f, 0.8f}},  {2000, 17, 33, 0, {}},
+    {20000, 640, 360, 2, {}}, {400, 333, 211, 2, {3, -1.0f, 0.7f}},  // large splats: more instances
+                                                                     // than there is room at first
+};
+
+}  // namespace
+
+TEST_CASE("one step has the CPU's losses, statistics and gradients") {
+  for (const Case& c : kCases) {
+    const std::vector<Image8> truths = truths_of(c, 1);
+    TrainState cpu = state_of(c), gpu = cpu;
+    const auto reference = make_cpu_backend();
+    const std::vector<StepOutput> expected = run(*reference, cpu, c, 1, truths);
+    const std::vector<StepOutput> found = run(cuda_backend(), gpu, c, 1, truths);
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    REQUIRE(found.size() == 1);
+    std::printf("%zu primitives, %dx%d: loss %.7f (CPU %.7f), visible %zu (%zu)\n", c.primitives,
+                c.width, c.height, found[0].loss, expected[0].loss, found[0].visible,
+                expected[0].visible);
+    CHECK(found[0].loss == Approx(expected[0].loss).epsilon(1e-5));
+    CHECK(found[0].l1 == Approx(expected[0].l1).epsilon(1e-5));
+    CHECK(found[0].ssim == Approx(expected[0].ssim).epsilon(1e-4).margin(1e-6));
+    CHECK(std::abs(static_cast<double>(found[0].visible) -
+                   static_cast<double>(expected[0].visible)) <=
+          2e-4 * static_cast<double>(c.primitives));
+    const auto compare = [](const char* name, const auto& a, const auto& b, double tolerance) {
+      const double d = difference(a, b);
+      std::printf("  %-12s %.2e\n", name, d);
+      INFO(name);
+      CHECK(d <= tolerance);
+    };
+    compare("image grad", cpu.statistics.gradient_sum, gpu.statistics.gradient_sum, 2e-3);
+    compare("abs grad", cpu.statistics.abs_gradient_sum, gpu.statistics.abs_gradient_sum, 1e-3);
+    compare("E", cpu.statistics.error_max, gpu.statistics.error_max, 1e-3);
+    compare("views", cpu.statistics.views, gpu.statistics.views, 2e-2);
+    for (int a = 0; a < kAttributes; ++a) {
+      compare(kAttributeNames[a], cpu.moments[a].first, gpu.moments[a].first, 3e-3);
+      CHECK(difference(cpu.moments[a].second, gpu.moments[a].second) <= 6e-3);
+    }
+    compare("colour", flat(cpu.colour_first), flat(gpu.colour_first), 1e-3);
+    compare("colour map", flat(cpu.colour), flat(gpu.colour), 1e-4);
+  }
+}
+
+TEST_CASE("the picture is the CPU rasteriser's") {
+  for (const Case& c : kCases) {
+    const std::vector<Image8> truths = truths_of(c, 1);
+    TrainState state = state_of(c);
+    const Gaussians4D set = state.set;
+    run(cuda_backend(), state, c, 1, truths);
+    const std::size_t pixels = std::size_t{1} * c.width * c.height;
+    std::vector<float> found(4 * pixels);
+    REQUIRE(cudaMemcpy(found.data(), cuda_backend().pipeline().workspace().picture,
+                       found.size() * sizeof(float), cudaMemcpyDeviceToHost) == cudaSuccess);
+    SplatFrame frame;
+    RasterOutput output;
+    RasterSettings settings;
+    settings.max_sh_degree = c.sh_degree;
+    render(set, 8.0f, scene_camera(c.width, c.height), settings, frame, output);
+    double worst = 0, sum = 0;
+    for (std::size_t p = 0; p < pixels; ++p) {
+      for (int k = 0; k < 4; ++k) {
+        const float expected = k < 3 ? output.colour.plane(k)[p] : output.transmittance.data[p];
+        const double d = std::abs(expected - found[4 * p + k]);
+        worst = std::max(worst, d);
+        sum += d;
+      }
+    }
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    std::printf("%dx%d: worst %.2e, mean %.2e\n", c.width, c.height, worst,
+                sum / static_cast<double>(4 * pixels));
+    // A splat at the threshold, 1/255 of its colour, may be missing; hardly any pixel has one.
+    CHECK(worst <= 1.5e-2);
+    CHECK(sum / static_cast<double>(4 * pixels) <= 2e-6);
+  }
+}
+
+TEST_CASE("twenty steps leave the CPU's state") {
+  for (const Case& c : {kCases[0], kCases[1], kCases[4]}) {
+    const std::vector<Image8> truths = truths_of(c, 4);
+    const TrainState start = state_of(c);
+    TrainState cpu = start, gpu = start;
+    const auto reference = make_cpu_backend();
+    const std::vector<StepOutput> expected = run(*reference, cpu, c, 20, truths);
+    const std::vector<StepOutput> found = run(cuda_backend(), gpu, c, 20, truths);
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    REQUIRE(found.size() == 20);
+    for (int s = 0; s < 20; ++s) CHECK(found[s].loss == Approx(expected[s].loss).epsilon(2e-4));
+    CHECK(difference(cpu.updates, gpu.updates) <= 1e-2);
+    for (int a = 0; a < kAttributes; ++a) {
+      // What the steps have moved; Adam makes full steps of the smallest gradients too, so those
+      // that are rounding errors go their own way.
+      std::vector<float> moved_cpu = cpu.values(a), moved_gpu = gpu.values(a);
+      for (std::size_t i = 0; i < moved_cpu.size(); ++i) {
+        moved_cpu[i] -= start.values(a)[i];
+        moved_gpu[i] -= start.values(a)[i];
+      }
+      const double d = difference(moved_cpu, moved_gpu);
+      std::printf("  %-12s %.2e\n", kAttributeNames[a], d);
+      INFO(kAttributeNames[a]);
+      CHECK(d <= 3e-2);
+    }
+    CHECK(difference(flat(cpu.colour), flat(gpu.colour)) <= 1e-4);
+  }
+}
+
+TEST_CASE("the same steps give the same bits, also where room ran out on the way") {
+  for (const Case& c : {kCases[3], kCases[4]}) {
+    const std::vector<Image8> truths = truths_of(c, 4);
+    TrainState first = state_of(c), second = first;
+    run(cuda_backend(), first, c, 40, truths);
+    cuda::CudaBackend fresh;
+    check(fresh.create());
+    run(fresh, second, c, 40, truths);
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    CHECK(same_bits(first, second));
+  }
+}
+
+TEST_CASE("f = 1, a fixed radius and an empty state are steps like others") {
+  const Case c = kCases[0];
+  const std::vector<Image8> truths = truths_of(c, 1);
+  TrainState cpu = state_of(c);
+  cpu.derive_all(false);
+  TrainState gpu = cpu;
+  StepInput input = train_step(scene_camera(c.width, c.height), truths[0], 9.0f, 3);
+  input.modulated = input.learn_radius = input.second_stage = input.gather_statistics = false;
+  const auto reference = make_cpu_backend();
+  for (TrainBackend* backend : {reference.get(), static_cast<TrainBackend*>(&cuda_backend())}) {
+    TrainState& state = backend == reference.get() ? cpu : gpu;
+    check(backend->reserve({state.size(), 16, c.width, c.height}));
+    check(backend->begin(state));
+    check(backend->step(input));
+    check(backend->synchronise());
+    check(backend->read().status());
+  }
+  for (int a = 0; a < kAttributes; ++a) {
+    INFO(kAttributeNames[a]);
+    CHECK(difference(cpu.moments[a].first, gpu.moments[a].first) <= 3e-3);
+  }
+  CHECK(cpu.set.radius == gpu.set.radius);
+  CHECK(cpu.statistics.views == gpu.statistics.views);
+
+  TrainState empty = train_state(Gaussians4D{}, 2);
+  check(cuda_backend().begin(empty));
+  check(cuda_backend().step(input));
+  const Result<std::vector<StepOutput>> outputs = cuda_backend().read();
+  check(outputs.status());
+  REQUIRE(outputs->size() == 1);
+  CHECK(outputs->front().visible == 0);
+  CHECK(outputs->front().loss > 0.0);
+  check(cuda_backend().synchronise());
+}
+
+// Statistics as steps might have left them, some transparent and some broken primitives.
+TrainState before_densification() {
+  TrainState state = state_of({5000, 320, 200, 3, {3, -3.0f, 0.8f}});
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    state.statistics.views[i] = static_cast<std::uint32_t>(5.0f * uniform(random));
+    state.statistics.gradient_sum[i] = 1e-3f * uniform(random);
+    state.statistics.abs_gradient_sum[i] = 2e-3f * uniform(random);
+    state.statistics.error_max[i] = 10.0f * uniform(random);
+    state.updates[i] = 3;
+    if (i % 17 == 3) state.set.opacity_logit[i] = -7.0f;
+    if (i % 911 == 5) state.set.sh[48 * i + 20] = NAN;
+    for (int a = 0; a < kAttributes; ++a) state.moments[a].first[i] = uniform(random);
+  }
+  state.iteration = 700;
+  return state;
+}
+
+TEST_CASE("densification makes the CPU's decisions") {
+  HyperParameters parameters = *preset_hyper_parameters("fast");
+  for (const bool refining : {false, true}) {
+    for (const int most : {5200, 20000}) {
+      const DensifyContext context{2.0f, true, most == 20000, 11};
+      INFO((refining ? "replace, " : "grow, ") << most << " at most");
+      parameters.max_primitives = most;
+      const DensifyInput input{&parameters, context, refining, !refining};
+      TrainState cpu = before_densification(), gpu = cpu;
+      const auto reference = make_cpu_backend();
+      check(reference->begin(cpu));
+      const Result<DensifyCounts> expected = reference->densify(input);
+      check(expected.status());
+      check(cuda_backend().begin(gpu));
+      const Result<DensifyCounts> found = cuda_backend().densify(input);
+      check(found.status());
+      check(cuda_backend().synchronise());
+      CHECK(expected->broken == 6);
+      CHECK(expected->cloned + expected->split + expected->replaced > 100);
+      CHECK(found->broken == expected->broken);
+      CHECK(found->cloned == expected->cloned);
+      CHECK(found->split == expected->split);
+      CHECK(found->removed == expected->removed);
+      CHECK(found->replaced == expected->replaced);
+      REQUIRE(gpu.size() == cpu.size());
+      CHECK(cuda_backend().size() == cpu.size());
+      CHECK(gpu.updates == cpu.updates);
+      CHECK(gpu.statistics.views == cpu.statistics.views);
+      CHECK(gpu.statistics.error_max == cpu.statistics.error_max);
+      for (int a = 0; a < kAttributes; ++a) {
+        INFO(kAttributeNames[a]);
+        CHECK(cpu.moments[a].first == gpu.moments[a].first);
+        // replace() leaves what is broken where there is nothing to put in its place.
+        const std::vector<float>&x = cpu.values(a), &y = gpu.values(a);
+        double worst = 0;
+        for (std::size_t i = 0; i < x.size(); ++i) {
+          if (std::isnan(x[i]) && std::isnan(y[i])) continue;
+          const double d = std::abs(x[i] - y[i]);
+          worst = d <= worst ? worst : d;
+        }
+        CHECK(worst <= 1e-5);
+      }
+      CHECK(difference(cpu.set.velocity, gpu.set.velocity) <= 1e-6);
+      CHECK(difference(cpu.set.sigma, gpu.set.sigma) <= 1e-6);
+    }
+  }
+}
+
+TEST_CASE("pictures that do not fit come in turn") {
+  cuda::TruthCache cache;
+  cuda::Stream stream;
+  check(stream.create());
+  const Case c{0, 64, 48, 0, {}};
+  const std::vector<Image8> truths = truths_of(c, 12);
+  check(cache.create(3 * truths[0].data.size()));
+  std::vector<std::uint8_t> found(truths[0].data.size());
+  for (int k = 0; k < 40; ++k) {
+    const Image8& truth = truths[(k * 7) % truths.size()];
+    const Result<const std::uint8_t*> bytes = cache.acquire(truth, stream);
+    check(bytes.status());
+    REQUIRE(cudaMemcpyAsync(found.data(), *bytes, found.size(), cudaMemcpyDeviceToHost, stream) ==
+            cudaSuccess);
+    check(cache.release(truth, stream));
+    check(stream.wait());
+    CHECK(found == truth.data);
+  }
+}
+
+TEST_CASE("a plan that does not fit is refused with what it needs") {
+  cuda::CudaBackend backend;
+  check(backend.create());
+  const Status status = backend.reserve({2000000000, 16, 640, 360});
+  CHECK(status.code() == StatusCode::kUnsupported);
+  CHECK(status.message().find("GiB") != std::string::npos);
+}
+
+TEST_CASE("training on CUDA recovers a held-out view, and resumes to the same bits") {
+  const test::SyntheticCapture synthetic("train_cuda");
+  TrainSettings settings;
+  settings.backend = "cuda";
+  settings.preset = "fast";
+  settings.iterations = 600;
+  settings.max_primitives = 600;
+  settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
+  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(whole.status());
+  CHECK(test::held_out_psnr(synthetic, whole->gaussians) > 24.0);
+
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 235;
+  int calls = 0;
+  const auto stop = [&](const Progress& progress) {
+    return !(progress.stage == "train" && progress.detail.find("iteration 235,") == 0 && ++calls);
+  };
+  const Result<Scene> stopped = train(synthetic.capture, settings, stop, nullptr, nullptr);
+  CHECK(!stopped.ok());
+  CHECK(calls == 1);
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(resumed.status());
+  CHECK(resumed->gaussians.position == whole->gaussians.position);
+  CHECK(resumed->gaussians.sh == whole->gaussians.sh);
+  CHECK(resumed->gaussians.opacity_logit == whole->gaussians.opacity_logit);
+}
+
+int main(int argc, char** argv) {
+  cuda::CudaBackend backend;
+  const Status status = backend.create();
+  if (status.code() == StatusCode::kUnsupported) {
+    std::printf("skipped: %s\n", status.message().c_str());
+    return 77;
+  }
+  return Catch::Session().run(argc, argv);
+}

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// States and steps of a random scene, for the training backends' tests and benchmarks.
+#pragma once
+
+#include <cmath>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "backend/backend.h"
+#include "raster_scene.h"
+#include "stgs/format/math/lifespan.h"
+
+namespace stgs::testing {
+
+// A state around the set, with `cameras` colour maps that differ a little from the identity.
+inline encoder::TrainState train_state(Gaussians4D set, std::size_t cameras) {
+  encoder::TrainState state;
+  state.set = std::move(set);
+  const std::size_t n = state.set.size();
+  state.velocity.resize(3 * n);
+  state.log_sigma.resize(n);
+  state.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    state.log_sigma[i] = std::log(state.set.sigma[i]);
+    const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
+    for (int c = 0; c < 3; ++c) state.velocity[3 * i + c] = f * state.set.velocity[3 * i + c];
+  }
+  state.derive_all(true);
+  std::mt19937 random(7);
+  std::normal_distribution<float> normal(0.0f, 0.02f);
+  state.colour.assign(cameras, encoder::kIdentityColour);
+  for (encoder::ColourMap& map : state.colour) {
+    for (float& x : map) x += normal(random);
+  }
+  state.colour_first.assign(cameras, {});
+  state.colour_second.assign(cameras, {});
+  state.colour_updates.assign(cameras, 0);
+  return state;
+}
+
+// A smooth picture with some noise.
+inline encoder::Image8 random_truth(int width, int height, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  encoder::Image8 image{width, height, 3, {}};
+  image.data.resize(std::size_t{3} * width * height);
+  const float phase = 6.0f * uniform(random);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const float wave = std::sin(0.05f * static_cast<float>(x + c * y) + phase);
+        const float value = 0.45f + 0.35f * wave + 0.15f * uniform(random);
+        image.data[(std::size_t{1} * y * width + x) * 3 + c] =
+            static_cast<std::uint8_t>(255.0f * value);
+      }
+    }
+  }
+  return image;
+}
+
+// A step with every term on and rates as in the middle of a run.
+inline encoder::StepInput train_step(const math::PinholeCamera& camera,
+                                     const encoder::Image8& truth, float ticks, int sh_degree) {
+  encoder::StepInput input;
+  input.camera = camera;
+  input.ticks = ticks;
+  input.truth = &truth;
+  input.sh_degree = sh_degree;
+  input.second_stage = true;
+  input.gather_statistics = true;
+  input.rates = {1e-4f, 5e-3f, 1e-3f, 2e-2f, 1e-4f, 1e-2f, 1e-3f, 5e-3f, 1e-2f};
+  input.rate_sh0 = 2.5e-3f;
+  input.rate_colour = 1e-3f;
+  input.weight_l1 = 0.8f;
+  input.weight_ssim = 0.2f;
+  input.weight_lifespan = 1e-3f;
+  input.weight_opacity = 1e-2f;
+  input.weight_scale = 1e-2f;
+  return input;
+}
+
+}  // namespace stgs::testing
