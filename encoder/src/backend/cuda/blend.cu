@@ -11,6 +11,15 @@ using math::kTransmittanceMin;
 
 constexpr int kWarps = 8;  // two columns of four
 
+// Says which tile the segments' numbers up to the next tile's belong to, if any.
+__device__ void list_segments(std::uint32_t segment, std::uint32_t first, std::uint32_t end,
+                              std::uint32_t tile, int lane, uint2* segments) {
+  const std::uint32_t count = (end - first + kSegment - 1) / kSegment;
+  const std::uint32_t next = first_segment(end, tile + 1);
+  for (std::uint32_t s = lane; segment + s < next; s += 32)
+    segments[segment + s] = s < count ? make_uint2(tile, s) : make_uint2(~0u, 0);
+}
+
 __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Workspace w) {
   __shared__ ScreenSplat stage[kWarps][32];
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
@@ -23,8 +32,12 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   const float left = static_cast<float>(x0) + 0.5f, top = static_cast<float>(y0) + 0.5f;
   const float right = static_cast<float>(min(x0 + 8, view.width)) - 0.5f;
   const float bottom = static_cast<float>(min(y0 + 4, view.height)) - 0.5f;
-  const int tile = static_cast<int>(blockIdx.y) * view.tiles_x + static_cast<int>(blockIdx.x);
+  const std::uint32_t tile = blockIdx.y * view.tiles_x + blockIdx.x;
   const std::uint32_t first = w.tile_begin[tile], end = w.tile_begin[tile + 1];
+
+  const std::uint32_t segment = first_segment(first, tile);
+  if (warp == 0) list_segments(segment, first, end, tile, lane, w.segments);
+  const std::size_t in_tile = (y & (kTile - 1)) * kTile + (x & (kTile - 1));
 
   float transmittance = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
   std::uint32_t last = 0;
@@ -33,6 +46,9 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   if (first + lane < end) next = load_splat(w.splats, w.list[first + lane]);
   for (std::uint32_t at = first; at < end; at += 32) {
     if (__all_sync(kAllLanes, done)) break;
+    if (at > first && (at - first) % kSegment == 0)
+      w.checkpoints[std::size_t{kTile * kTile} * (segment + (at - first) / kSegment) + in_tile] =
+          make_float4(red, green, blue, transmittance);
     const bool met = at + lane < end && ellipse_meets(next, left, right, top, bottom);
     unsigned hits = __ballot_sync(kAllLanes, met);
     stage[warp][lane] = next;

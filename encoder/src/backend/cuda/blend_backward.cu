@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward blending, back to front. A block takes a tile's list 32 splats at a time; each of its
+// Backward blending, back to front. A block takes a segment of a tile's list, so that a long list
+// is the work of many; it starts from the picture that the forward left in front of the segment
+// behind. It goes 32 splats at a time; each of its
 // warps goes through those that meet its pixels, adds a splat's sums over its lanes and leaves them
 // in shared memory; then the block adds up the warps' sums in their order and writes one entry an
 // instance. No atomics: the sums have one order, so a step gives the same bits every time.
@@ -54,7 +56,9 @@ struct Pixel {
   int last;
 };
 
-__device__ Pixel load_pixel(int x, int y, const View& view, const Workspace& w) {
+// For the list's entries up to `end`; `behind` is the checkpoint of what lies behind them.
+__device__ Pixel load_pixel(int x, int y, int end, const float4* behind, const View& view,
+                            const Workspace& w) {
   Pixel p{};
   p.y = static_cast<float>(y) + 0.5f;
   if (x >= view.width || y >= view.height) return p;  // last = 0: takes no part
@@ -64,8 +68,16 @@ __device__ Pixel load_pixel(int x, int y, const View& view, const Workspace& w) 
   p.green = d.y;
   p.blue = d.z;
   p.error = d.w;
-  p.transmittance = w.picture[at].w;
+  const float4 picture = w.picture[at];
+  p.transmittance = picture.w;
   p.last = static_cast<int>(w.last[at]);
+  if (p.last <= end) return p;
+  const float4 front = behind[(y & (kTile - 1)) * kTile + (x & (kTile - 1))];
+  p.last = end;
+  p.transmittance = front.w;
+  p.behind =
+      (d.x * (picture.x - front.x) + d.y * (picture.y - front.y) + d.z * (picture.z - front.z)) /
+      front.w;
   return p;
 }
 
@@ -118,40 +130,46 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
   __shared__ unsigned touched[kWarps];
   __shared__ std::uint32_t instances[kBatch];
   __shared__ int warp_last[kWarps];
+  const int tiles = view.tiles_x * view.tiles_y;
+  if (blockIdx.x >= first_segment(w.tile_begin[tiles], tiles)) return;
+  const uint2 segment = w.segments[blockIdx.x];
+  if (segment.x >= tiles) return;
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
-  const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
-  const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * kRows;
+  const int x0 = static_cast<int>(segment.x) % view.tiles_x * kTile + warp % 2 * 8;
+  const int y0 = static_cast<int>(segment.x) / view.tiles_x * kTile + warp / 2 * kRows;
   const float left = static_cast<float>(x0) + 0.5f, top = static_cast<float>(y0) + 0.5f;
   const float right = static_cast<float>(min(x0 + 8, view.width)) - 0.5f;
   const float bottom = static_cast<float>(min(y0 + kRows, view.height)) - 0.5f;
-  const int tile = static_cast<int>(blockIdx.y) * view.tiles_x + static_cast<int>(blockIdx.x);
-  const std::uint32_t first = w.tile_begin[tile];
-  const int count = static_cast<int>(w.tile_begin[tile + 1] - first);
+  const std::uint32_t first = w.tile_begin[segment.x];
+  const int count = static_cast<int>(w.tile_begin[segment.x + 1] - first);
+  const int begin = static_cast<int>(segment.y) * kSegment, end = min(begin + kSegment, count);
+  const float4* behind = w.checkpoints + std::size_t{kTile * kTile} * (blockIdx.x + 1);
 
   const float x = left + static_cast<float>(lane % 8);
   Pixel pixels[kPer];
   int own_last = 0;
 #pragma unroll
   for (int q = 0; q < kPer; ++q) {
-    pixels[q] = load_pixel(x0 + lane % 8, y0 + lane / 8 + 4 * q, view, w);
+    pixels[q] = load_pixel(x0 + lane % 8, y0 + lane / 8 + 4 * q, end, behind, view, w);
     own_last = max(own_last, pixels[q].last);
   }
   own_last = __reduce_max_sync(kAllLanes, own_last);
   if (lane == 0) warp_last[warp] = own_last;
   __syncthreads();
-  int longest = 0;
+  int longest = begin;
 #pragma unroll
   for (int q = 0; q < kWarps; ++q) longest = max(longest, warp_last[q]);
 
   // Nothing is drawn of what lies behind.
-  for (int q = longest * kSums + static_cast<int>(threadIdx.x); q < count * kSums; q += kThreads)
+  for (int q = longest * kSums + static_cast<int>(threadIdx.x); q < end * kSums; q += kThreads)
     w.partials[static_cast<std::size_t>(w.instances_sorted[first + q / kSums]) * kSums +
                q % kSums] = 0.0f;
 
   const int index = sum_index(lane);
   float* own_sum = sums[warp] + index;
   asm("" : "+l"(own_sum));  // kept in a register, not worked out again for each splat
-  for (int base = (longest - 1) / kBatch * kBatch; base >= 0 && longest > 0; base -= kBatch) {
+  for (int base = begin + (longest - begin - 1) / kBatch * kBatch; base >= begin && longest > begin;
+       base -= kBatch) {
     const int n = min(kBatch, longest - base);
     if (threadIdx.x < 3 * n)
       stage[threadIdx.x] = reinterpret_cast<const float4*>(
@@ -195,10 +213,12 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
 
 }  // namespace
 
-void launch_blend_backward(const View& view, const Workspace& w, cudaStream_t stream) {
+void launch_blend_backward(const View& view, std::size_t bound, const Workspace& w,
+                           cudaStream_t stream) {
   constexpr int kPer = 2;
-  const dim3 tiles(view.tiles_x, view.tiles_y);
-  blend_backward<kPer><<<tiles, 256 / kPer, 0, stream>>>(view, w);
+  const std::size_t tiles = std::size_t{1} * view.tiles_x * view.tiles_y;
+  const auto segments = static_cast<unsigned>(segment_count(bound, tiles));
+  blend_backward<kPer><<<segments, 256 / kPer, 0, stream>>>(view, w);
 }
 
 }  // namespace stgs::encoder::cuda

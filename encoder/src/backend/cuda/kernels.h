@@ -16,10 +16,11 @@ namespace stgs::encoder::cuda {
 
 inline constexpr int kTile = 16;  // pixels, width and height; raster.h's kTileSize
 inline constexpr int kSums = 12;  // floats of one splat in one tile that the backward blend adds up
-inline constexpr int kLossX = 32;         // pixels of a block of the image loss
-inline constexpr int kLossY = 16;         //
-inline constexpr int kLossSums = 13;      // of a block: L1, then the 12 gradients of the colour map
-inline constexpr int kUpdateBlock = 128;  // primitives of a block of the update
+inline constexpr int kSegment = 128;  // entries of a tile's list that a block of the backward takes
+inline constexpr int kLossX = 32;     // pixels of a block of the image loss
+inline constexpr int kLossY = 16;     //
+inline constexpr int kLossSums = 13;  // of a block: L1, then the 12 gradients of the colour map
+inline constexpr int kUpdateBlock = 128;                  // primitives of a block of the update
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of what is not drawn
 // Tile instances of a view, at most; as the CPU rasteriser's limit.
 inline constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
@@ -100,6 +101,8 @@ struct Workspace {
   std::uint32_t* instances_sorted = nullptr;  // I, instances by tile, then by depth
   std::uint32_t* list = nullptr;              // I, their primitives
   std::uint32_t* tile_begin = nullptr;        // T + 1, into list
+  uint2* segments = nullptr;                  // segment_count(I, T): tile and number in it, or ~0
+  float4* checkpoints = nullptr;              // for each segment, 256: picture in front of it
   float* partials = nullptr;                  // I x kSums, by instance
   float4* picture = nullptr;                  // W x H: colour, transmittance
   std::uint32_t* last = nullptr;              // W x H: length of the tile's list that is drawn
@@ -112,6 +115,17 @@ struct Workspace {
   void* sort_memory = nullptr;
   std::size_t sort_bytes = 0;
 };
+
+// Tile t's lists are cut into segments with numbers from first_segment on, which leave gaps but
+// never meet, so that no count has to be known.
+__host__ __device__ inline std::uint32_t first_segment(std::uint32_t tile_begin,
+                                                       std::uint32_t tile) {
+  return tile_begin / kSegment + tile;
+}
+// More than any segment's number.
+inline std::size_t segment_count(std::size_t instances, std::size_t tiles) {
+  return instances / kSegment + tiles + 1;
+}
 
 struct LossWeights {
   float l1, ssim;
@@ -140,14 +154,15 @@ void launch_slice(const Primitives& p, const View& view, const Workspace& w, cud
 // Tile lists as stgs::bin makes them, for up to `bound` instances; more set counters->overflow.
 void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Workspace& w,
                 cudaStream_t stream);
-// picture and last.
+// picture, last, segments and checkpoints.
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
 // d_picture, ssim_sums and loss_sums, for the picture shown through `colour_map` (12 floats);
 // truth: W x H x 3 bytes.
 void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,
                        const LossWeights& weights, const Workspace& w, cudaStream_t stream);
 // partials of every instance.
-void launch_blend_backward(const View& view, const Workspace& w, cudaStream_t stream);
+void launch_blend_backward(const View& view, std::size_t bound, const Workspace& w,
+                           cudaStream_t stream);
 // Gradients by the parameters of the visible primitives, regularisers, statistics and Adam.
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream);

@@ -45,7 +45,9 @@ std::size_t StepPipeline::bytes(std::size_t primitives, std::size_t pixels, std:
   constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
   // The sort keeps a copy of its input.
   const std::size_t items = std::max(primitives, instances);
-  return primitives * kPrimitive + pixels * kPixel + instances * kInstance + items * (4 + 9);
+  const std::size_t segments = segment_count(instances, pixels / (kTile * kTile));
+  return segments * kTile * kTile * sizeof(float4) + primitives * kPrimitive + pixels * kPixel +
+         instances * kInstance + items * (4 + 9);
 }
 
 Status StepPipeline::create(cudaStream_t stream) {
@@ -67,6 +69,7 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
     // Half as much again, for the next steps may need a little more each.
     STGS_TRY(reserve_instances(std::min(instances + instances / 2, kMaxInstances)));
   }
+  STGS_TRY(reserve_segments());
   const std::size_t items = std::max(primitives, list_.capacity());
   if (items > iota_.capacity()) {
     STGS_TRY(iota_.ensure(items));
@@ -133,6 +136,15 @@ Status StepPipeline::reserve_instances(std::size_t n) {
   return {};
 }
 
+Status StepPipeline::reserve_segments() {
+  const std::size_t n = segment_count(list_.capacity(), tile_begin_.capacity());
+  STGS_TRY(segments_.ensure(n));
+  STGS_TRY(checkpoints_.ensure(n * kTile * kTile));
+  workspace_.segments = segments_.data();
+  workspace_.checkpoints = checkpoints_.data();
+  return {};
+}
+
 Status StepPipeline::clear_overflow(cudaStream_t stream) {
   return cuda_status(cudaMemsetAsync(counters_.data(), 0, sizeof(Counters), stream),
                      "clearing the counters");
@@ -156,7 +168,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("blend");
   launch_image_loss(view, truth, map, weights, w, stream);
   stage("image_loss");
-  launch_blend_backward(view, w, stream);
+  launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
   launch_update(primitives, view, update_settings(input), w, stream);
   stage("update");

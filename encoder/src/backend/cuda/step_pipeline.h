@@ -38,6 +38,7 @@ class StepPipeline {
   Status reserve_primitives(std::size_t n);
   Status reserve_picture(int width, int height);
   Status reserve_instances(std::size_t n);
+  Status reserve_segments();
   void stage(const char* name) {
     if (observer_) observer_(name);
   }
@@ -53,7 +54,8 @@ class StepPipeline {
   DeviceArray<std::uint32_t> owners_, instance_tiles_, tiles_sorted_, instances_sorted_, list_;
   DeviceArray<std::uint32_t> tile_begin_, last_;
   DeviceArray<float> partials_, slopes_, error_, ssim_sums_, loss_sums_;
-  DeviceArray<float4> picture_, d_picture_;
+  DeviceArray<uint2> segments_;
+  DeviceArray<float4> picture_, d_picture_, checkpoints_;
   DeviceArray<double> regulariser_sums_;
   DeviceArray<std::uint8_t> sort_memory_;
 };
