@@ -169,6 +169,7 @@ Status CudaBackend::redo(std::size_t instances) {
   STGS_TRY(pipeline_.clear_overflow(stream_));
   std::deque<Pending> again;
   again.swap(pending_);
+  redone_ += again.size();
   for (const Pending& pending : again) STGS_TRY(enqueue(pending.input));
   return {};
 }

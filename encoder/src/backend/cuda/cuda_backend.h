@@ -39,6 +39,8 @@ class CudaBackend final : public TrainBackend {
   cudaStream_t stream() const { return stream_; }
   // Largest number of tile instances of late.
   std::size_t instances_seen() const { return instances_seen_; }
+  // Steps that were done again because there had been too little room.
+  std::size_t redone() const { return redone_; }
 
  private:
   // Steps on their way to the GPU, at most.
@@ -66,7 +68,7 @@ class CudaBackend final : public TrainBackend {
   std::size_t next_slot_ = 0;
   std::vector<StepOutput> outputs_;  // since the last read()
   TrainState* state_ = nullptr;
-  std::size_t instances_seen_ = 0;
+  std::size_t instances_seen_ = 0, redone_ = 0;
 };
 
 }  // namespace stgs::encoder::cuda
