@@ -80,9 +80,8 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
     return p;
   }
   if (preset == "best") {
-    p.iterations = 20000;
+    p.iterations = 30000;
     p.max_primitives = 200000;
-    p.opacity_resets = 1;
     return p;
   }
   return usage_error("unknown preset '{}': use fast, default or best", preset);
