@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tile lists: splats are put in depth order once, then dealt to the tiles that they touch, so that
 // each tile's list comes out in depth order.
-#include <tbb/parallel_for.h>
 
 #include <array>
 #include <atomic>
@@ -10,6 +9,7 @@
 #include <numeric>
 #include <stdexcept>
 
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster_tiles.h"
 
 namespace stgs {
@@ -112,7 +112,7 @@ void bin(SplatFrame& frame) {
 
   // Each chunk lists for each splat the number of its tiles, then the tiles, and counts by tile.
   std::atomic<std::size_t> listed{0};
-  tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
+  parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     auto& list = scratch.bin_chunks[c];
     std::uint32_t* counts = scratch.counts.data() + c * tiles;
     list.clear();
@@ -153,7 +153,7 @@ void bin(SplatFrame& frame) {
   // Not grown by doubling, and not beside the old ones.
   if (frame.instances.capacity() < total) std::vector<std::uint32_t>().swap(frame.instances);
   frame.instances.resize(total);
-  tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
+  parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     std::uint32_t* next = scratch.counts.data() + c * tiles;
     const std::uint32_t* list = scratch.bin_chunks[c].data();
     const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending, tile by tile; the scalar kernel is the reference rendering.
-#include <tbb/parallel_for.h>
 
 #include "raster_internal.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace raster {
@@ -56,8 +56,8 @@ void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput
   output.transmittance.reshape(frame.width, frame.height, 1);
   output.last.resize(static_cast<std::size_t>(frame.width) * frame.height);
   const auto blend_tile = settings.scalar ? raster::blend_tile_scalar : raster::blend_tile_vector;
-  tbb::parallel_for(0, frame.tiles_x * frame.tiles_y,
-                    [&](int tile) { blend_tile(frame, settings, tile, output); });
+  parallel_for(0, frame.tiles_x * frame.tiles_y,
+               [&](int tile) { blend_tile(frame, settings, tile, output); });
 }
 
 std::string vector_target() {

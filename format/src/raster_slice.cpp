@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slice at t: motion, visibility, culling, projection and colour of each primitive.
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
 
 namespace stgs {
@@ -107,7 +106,7 @@ void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, float
   const std::size_t blocks = (count + kBlock - 1) / kBlock;
   auto& found = frame.scratch.slice_blocks;
   if (found.size() < blocks) found.resize(blocks);
-  tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t b) {
+  parallel_for(std::size_t{0}, blocks, [&](std::size_t b) {
     found[b].clear();
     const std::size_t end = std::min(count, (b + 1) * kBlock);
     Splat splat;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <exception>
 
 #include "segment.h"
+#include "stgs/format/parallel.h"
 #include "values.h"
 
 namespace stgs {
@@ -119,7 +119,7 @@ Status read_all(const SceneReader& reader, Gaussians4D& whole) {
   whole.sh_degree = reader.sh_degree();
   whole.resize(total);
   std::vector<Status> statuses(count);
-  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+  parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     Result<Gaussians4D> part = reader.decode(static_cast<std::uint32_t>(i));
     statuses[i] = part.status();
     if (part.ok()) place_part(*part, first[i], whole);

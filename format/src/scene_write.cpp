@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <bit>
@@ -10,6 +9,7 @@
 #include "segment.h"
 #include "segmenter.h"
 #include "stgs/format/output_file.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
@@ -135,7 +135,7 @@ Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantis
   body.index.entries.resize(segments.size());
   body.records.resize(segments.size());
   std::vector<std::vector<std::uint64_t>> bytes(segments.size());
-  tbb::parallel_for(std::size_t{0}, segments.size(), [&](std::size_t s) {
+  parallel_for(std::size_t{0}, segments.size(), [&](std::size_t s) {
     const Gaussians4D part = set.gather(segments[s].members);
     std::vector<std::uint32_t>& members = segments[s].members;
     std::vector<Integers> integers;
@@ -148,8 +148,8 @@ Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantis
       integers = lossless_integers(part);
     }
     std::vector<EncodedStream> streams(integers.size());
-    tbb::parallel_for(std::size_t{0}, integers.size(),
-                      [&](std::size_t i) { streams[i] = encode_stream(integers[i], zstd_level); });
+    parallel_for(std::size_t{0}, integers.size(),
+                 [&](std::size_t i) { streams[i] = encode_stream(integers[i], zstd_level); });
     for (const EncodedStream& stream : streams) bytes[s].push_back(stream.bytes.size());
     IndexEntry& entry = body.index.entries[s];
     entry.level = segments[s].place.level;

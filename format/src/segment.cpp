@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "segment.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 
 #include "bytes.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
@@ -142,7 +141,7 @@ bool decode_streams(std::span<const LocatedStream> streams, std::uint32_t ordina
     return streams[i].entry.attribute == static_cast<std::uint16_t>(Attribute::kVelocity);
   };
   // Velocity is scaled by the lifespan, so it comes after sigma and radius.
-  tbb::parallel_for(std::size_t{0}, streams.size(), [&](std::size_t i) {
+  parallel_for(std::size_t{0}, streams.size(), [&](std::size_t i) {
     if (!is_velocity(i)) decode(i);
   });
   for (std::size_t i = 0; i < streams.size(); ++i) {

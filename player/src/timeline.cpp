@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/player/timeline.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -12,6 +10,7 @@
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::player {
 namespace {
@@ -95,8 +94,8 @@ class SegmentTimeline final : public Timeline {
       const auto ticks = static_cast<float>(active.ticks);
       std::vector<Held*> parts;
       for (std::uint32_t segment : needed) parts.push_back(&held_.at(segment));
-      tbb::parallel_for(std::size_t{0}, parts.size(),
-                        [&](std::size_t i) { find_candidates(*parts[i], ticks); });
+      parallel_for(std::size_t{0}, parts.size(),
+                   [&](std::size_t i) { find_candidates(*parts[i], ticks); });
       for (std::size_t i = 0; i < parts.size(); ++i) {
         if (parts[i]->candidates.empty()) continue;
         active.parts.push_back(
@@ -151,7 +150,7 @@ class SegmentTimeline final : public Timeline {
   Status decode(const std::vector<std::uint32_t>& missing) {
     std::vector<Held> fresh(missing.size());
     std::vector<Status> results(missing.size());
-    tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
+    parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
       auto set = reader_->decode(missing[i]);
       if (!set.ok()) {
         results[i] = set.status();

@@ -4,7 +4,6 @@
 // first round, which is not counted.
 //
 // usage: bench_player SCENE.stgs [CAMERA.json] [SECONDS]
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -12,6 +11,7 @@
 
 #include "camera_file.h"
 #include "session.h"
+#include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::tools {
@@ -78,7 +78,7 @@ Status bench(int argc, char** argv) {
   const double limit = argc > 3 ? std::strtod(argv[3], nullptr) : 5;
   Json json = {{"scene", argv[1]},
                {"vector_target", vector_target()},
-               {"threads", tbb::this_task_arena::max_concurrency()},
+               {"threads", concurrency()},
                {"sizes", Json::array()}};
   for (const Size size : {Size{640, 360}, Size{1280, 720}}) {
     STGS_ASSIGN(Json result, play(argv[1], resized(camera, size), limit));

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/parallel_pipeline.h>
-#include <tbb/task_arena.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include "options.h"
 #include "picture.h"
 #include "stgs/encoder/metrics.h"
+#include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::tools {
@@ -159,38 +158,31 @@ class Evaluate final : public Command {
     std::size_t next = 0;
     Status rendering;
     std::vector<Status> scoring(total);
-    const auto render = [&](tbb::flow_control& flow) -> std::shared_ptr<Job> {
-      if (next == total || !rendering.ok()) {
-        flow.stop();
-        return nullptr;
-      }
-      auto job = std::make_shared<Job>();
+    const auto render = [&]() -> std::optional<Job> {
+      if (next == total || !rendering.ok()) return std::nullopt;
+      Job job;
       // All cameras of a moment together: what is alive is decoded once.
-      job->camera = next % cameras_.size();
-      job->frame = static_cast<int>(next / cameras_.size()) * every_;
+      job.camera = next % cameras_.size();
+      job.frame = static_cast<int>(next / cameras_.size()) * every_;
       ++next;
-      rendering = draw(timeline, renderer, *job);
+      rendering = draw(timeline, renderer, job);
       if (rendering.ok() && !session.progress("evaluate", next, total)) {
         rendering = runtime_error("the evaluation is not complete");
       }
       return job;
     };
-    const auto compare = [&](const std::shared_ptr<Job>& job) {
-      if (job->picture.data.empty()) return;
-      const auto frame = static_cast<std::size_t>(job->frame / every_);
-      auto result = score(job->picture, capture_, cameras_[job->camera], job->frame,
-                          backgrounds_[job->camera]);
+    const auto compare = [&](const Job& job) {
+      if (job.picture.data.empty()) return;
+      const auto frame = static_cast<std::size_t>(job.frame / every_);
+      auto result =
+          score(job.picture, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
       if (result.ok()) {
-        scores_[job->camera][frame] = *result;
+        scores_[job.camera][frame] = *result;
       } else {
-        scoring[frame * cameras_.size() + job->camera] = result.status();
+        scoring[frame * cameras_.size() + job.camera] = result.status();
       }
     };
-    const auto held = static_cast<std::size_t>(tbb::this_task_arena::max_concurrency()) + 1;
-    tbb::parallel_pipeline(
-        held,
-        tbb::make_filter<void, std::shared_ptr<Job>>(tbb::filter_mode::serial_in_order, render) &
-            tbb::make_filter<std::shared_ptr<Job>, void>(tbb::filter_mode::parallel, compare));
+    parallel_jobs<Job>(concurrency() + 1, render, compare);
     STGS_TRY(rendering);
     for (const Status& status : scoring) STGS_TRY(status);
     return {};

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "moving.h"
-
-#include <tbb/parallel_for.h>
+#include "stgs/format/parallel.h"
 
 #include <algorithm>
 #include <array>
@@ -21,7 +20,7 @@ encoder::Image8 median_of(const std::vector<encoder::Image8>& pictures) {
   encoder::Image8 median = pictures.front();
   const std::size_t n = std::min(pictures.size(), kMostMedianFrames);
   const std::size_t row = static_cast<std::size_t>(median.width) * median.channels;
-  tbb::parallel_for(0, median.height, [&](int y) {
+  parallel_for(0, median.height, [&](int y) {
     std::array<std::uint8_t, kMostMedianFrames> values{};
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
     for (std::size_t i = y * row; i < (y + 1) * row; ++i) {
@@ -40,7 +39,7 @@ Result<encoder::Image8> median_background(const encoder::PreparedCapture& captur
   if (chosen.empty()) return encoder::Image8{};
   std::vector<encoder::Image8> pictures(chosen.size());
   std::vector<Status> loading(chosen.size());
-  tbb::parallel_for(std::size_t{0}, chosen.size(), [&](std::size_t k) {
+  parallel_for(std::size_t{0}, chosen.size(), [&](std::size_t k) {
     auto loaded = encoder::load_frame(capture, camera, frames[chosen[k]]);
     if (loaded.ok()) {
       pictures[k] = std::move(*loaded);

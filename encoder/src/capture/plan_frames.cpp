@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,6 +7,7 @@
 
 #include "frame_numbers.h"
 #include "init/motion.h"
+#include "stgs/format/parallel.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -25,7 +25,7 @@ TimeBase time_base_of(double fps) {
 Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   const std::size_t count = source.cameras.size();
   std::vector<std::optional<Result<FrameInfo>>> found(count);
-  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+  parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     try {
       found[i] = probe_frames(source.cameras[i]);
     } catch (const std::exception& error) {

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "write_frames.h"
 
-#include <tbb/parallel_for.h>
-#include <tbb/parallel_pipeline.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
@@ -15,13 +12,14 @@
 #include "capture_files.h"
 #include "reporting.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kFramesInFlight = 4;  // of one camera
+constexpr int kFramesInFlight = 4;  // of one camera
 
 // Keeps the error that comes first by camera, then by frame, and stops the others.
 class FirstError {
@@ -170,32 +168,26 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
   }
   const bool copies = job.copies();
   int next = 0;
-  const auto read = [&](tbb::flow_control& flow) -> Step {
+  const auto read = [&]() -> std::optional<Step> {
+    if (next == job.capture.frames || counter.cancelled || error.stop()) return std::nullopt;
     Step step{next, {}};
-    if (next == job.capture.frames || counter.cancelled || error.stop()) {
-      flow.stop();
-      return step;
-    }
     if (video) {
       Result<cv::Mat> image = read_frame(job, *video, next);
       if (!image.ok()) {
         error.set(image.status(), index, next);
-        flow.stop();
-        return step;
+        return std::nullopt;
       }
       step.decoded = std::move(*image);
     }
     ++next;
     return step;
   };
-  const auto write = [&](Step step) {
+  const auto write = [&](Step& step) {
     Status status = write_frame(job, copies, step.frame, std::move(step.decoded));
     if (!status.ok()) error.set(std::move(status), index, step.frame);
     ++counter.done;
   };
-  tbb::parallel_pipeline(kFramesInFlight,
-                         tbb::make_filter<void, Step>(tbb::filter_mode::serial_in_order, read) &
-                             tbb::make_filter<Step, void>(tbb::filter_mode::parallel, write));
+  parallel_jobs<Step>(kFramesInFlight, read, write);
 }
 
 }  // namespace
@@ -212,7 +204,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   FirstError error;
   const std::uint64_t total = plans.size() * static_cast<std::uint64_t>(capture.frames);
   STGS_TRY(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
-    tbb::parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
+    parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
       const CameraJob job{source.cameras[i], plans[i], capture, capture.cameras[i]};
       write_camera(job, i, counter, error);
     });

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "init/work.h"
-
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
+#include "stgs/format/parallel.h"
 
 #include <exception>
 
@@ -41,13 +39,8 @@ Status Work::for_each(int count, const std::function<Status(int)>& task) {
     }
   };
   return report_while(count, [&](Counter& counter) -> Status {
-    // One by one and not in blocks: tasks are few and long.
-    tbb::parallel_for(
-        tbb::blocked_range<int>(0, count, 1),
-        [&](const tbb::blocked_range<int>& range) {
-          for (int i = range.begin(); i < range.end(); ++i) run_one(counter, i);
-        },
-        tbb::simple_partitioner());
+    // One by one and not in longer blocks: tasks are few and long.
+    parallel_blocks(0, count, 1, [&](int i, int) { run_one(counter, i); });
     return failed < count ? results[failed] : Status();
   });
 }

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/colour_correction.h"
 
-#include <tbb/parallel_for.h>
-
 #include <vector>
 
+#include "stgs/format/parallel.h"
 #include "train/adam.h"
 
 namespace stgs::encoder {
@@ -18,7 +17,7 @@ int row_blocks(const Image& image) {
 
 template <typename Visit>
 void for_row_blocks(const Image& image, Visit visit) {
-  tbb::parallel_for(0, row_blocks(image), [&](int block) {
+  parallel_for(0, row_blocks(image), [&](int block) {
     const std::size_t first = std::size_t{1} * block * kRowBlock * image.width;
     const std::size_t rows = std::min(kRowBlock, image.height - block * kRowBlock);
     visit(block, first, first + rows * image.width);

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/image_loss.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numeric>
 
+#include "stgs/format/parallel.h"
 #include "train/image_loss_rows.h"
 
 namespace stgs::encoder {
@@ -32,10 +30,9 @@ std::array<float, kTaps> window() {
 
 template <typename Work>
 void for_each_row(int height, Work work) {
-  tbb::parallel_for(tbb::blocked_range<int>(0, height, kRows),
-                    [&](const tbb::blocked_range<int>& range) {
-                      for (int y = range.begin(); y < range.end(); ++y) work(y);
-                    });
+  parallel_blocks(int{0}, height, kRows, [&](int first, int last) {
+    for (int y = first; y < last; ++y) work(y);
+  });
 }
 
 }  // namespace

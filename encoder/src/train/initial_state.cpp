@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/initial_state.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -11,6 +9,7 @@
 
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
+#include "stgs/format/parallel.h"
 #include "train/coupled_state.h"
 #include "train/random.h"
 
@@ -43,7 +42,7 @@ void neighbour_distances(const std::vector<InitialPoint>& points,
                                                    PointView, 3>;
   const PointView view{points, members};
   const Tree tree(3, view);
-  tbb::parallel_for(std::size_t{0}, members.size(), [&](std::size_t i) {
+  parallel_for(std::size_t{0}, members.size(), [&](std::size_t i) {
     std::uint32_t found[kNeighbours + 1];
     float squares[kNeighbours + 1];
     const std::size_t count =

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/training_images.h"
+#include "stgs/format/parallel.h"
 
-#include <tbb/parallel_for.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -70,7 +70,7 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture,
   std::mutex mutex;
   Status first_error;
   std::atomic<bool> failed = false;
-  tbb::parallel_for(std::size_t{0}, images.cameras_.size(), [&](std::size_t c) {
+  parallel_for(std::size_t{0}, images.cameras_.size(), [&](std::size_t c) {
     for (int frame = 0; frame < images.frames_; ++frame) {
       if (failed) return;
       Result<Image8> image = load_frame(capture, images.cameras_[c], frame);

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cpu/blend_backward.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "backend/cpu/blend_backward_kernels.h"
 #include "math/grad.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster_tiles.h"
 
 namespace stgs::encoder::cpu {
@@ -90,22 +88,20 @@ void blend_backward(const SplatFrame& frame, const RasterSettings& settings,
                     BlendBackwardScratch& scratch, std::vector<SplatGradients>& out) {
   scratch.instances.resize(frame.instances.size());
   const auto backward = settings.scalar ? blend_backward_tile_scalar : blend_backward_tile_vector;
-  tbb::parallel_for(0, frame.tiles_x * frame.tiles_y, [&](int tile) {
+  parallel_for(0, frame.tiles_x * frame.tiles_y, [&](int tile) {
     SplatGradients* entries = scratch.instances.data() + frame.tile_begin[tile];
     backward({frame, settings, forward, d_colour, error, tile, entries});
   });
   list_by_splat(frame, scratch);
   out.resize(frame.splats.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, out.size(), kBlock),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
-                        SplatGradients sum{};
-                        for (std::uint32_t k = scratch.splat_begin[s];
-                             k < scratch.splat_begin[s + 1]; ++k)
-                          add(sum, scratch.instances[scratch.of_splat[k]]);
-                        out[s] = sum;
-                      }
-                    });
+  parallel_blocks(std::size_t{0}, out.size(), kBlock, [&](std::size_t first, std::size_t last) {
+    for (std::size_t s = first; s < last; ++s) {
+      SplatGradients sum{};
+      for (std::uint32_t k = scratch.splat_begin[s]; k < scratch.splat_begin[s + 1]; ++k)
+        add(sum, scratch.instances[scratch.of_splat[k]]);
+      out[s] = sum;
+    }
+  });
 }
 
 }  // namespace stgs::encoder::cpu

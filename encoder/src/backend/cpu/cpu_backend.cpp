@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPU training backend: every stage of a step in parallel with TBB, results independent of the
-// number of threads.
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
+// The CPU training backend: every stage of a step in parallel, results independent of the number of
+// threads.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -13,6 +10,7 @@
 #include "backend/cpu/project_backward.h"
 #include "backend/cpu/regularisers.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
 #include "train/adam.h"
 #include "train/colour_correction.h"
@@ -98,13 +96,13 @@ Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
 }
 
 void CpuBackend::update(const StepInput& input) {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame_.splats.size(), kBlock),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
-                        if (input.gather_statistics) gather(input, s);
-                        update_one(input, s);
-                      }
-                    });
+  parallel_blocks(std::size_t{0}, frame_.splats.size(), kBlock,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t s = first; s < last; ++s) {
+                      if (input.gather_statistics) gather(input, s);
+                      update_one(input, s);
+                    }
+                  });
 }
 
 // Statistics for densification; image positions in half image widths, so that one threshold fits

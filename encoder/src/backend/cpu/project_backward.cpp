@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cpu/project_backward.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "math/grad.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
 
 namespace stgs::encoder::cpu {
@@ -103,27 +101,26 @@ void project_backward(const Gaussians4D& set, float t, const PinholeCamera& came
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out) {
   const View view = raster::view_of(set, t, camera, settings);
   out.resize(frame.splats.size(), view.coefficients);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame.splats.size(), kBlock),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t s = range.begin(); s < range.end(); ++s)
-                        splat_backward(set, view, frame.splats[s], splats[s], s, out);
-                    });
+  parallel_blocks(std::size_t{0}, frame.splats.size(), kBlock,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t s = first; s < last; ++s)
+                      splat_backward(set, view, frame.splats[s], splats[s], s, out);
+                  });
 }
 
 void modulation_backward(const Gaussians4D& set, const std::vector<float>& velocity,
                          const SplatFrame& frame, PrimitiveGradients& out) {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, frame.splats.size(), kBlock),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t s = range.begin(); s < range.end(); ++s) {
-                        const std::size_t i = frame.splats[s].id;
-                        const VelocityGrad g =
-                            effective_velocity_grad(read3(velocity, i), set.sigma[i], set.radius[i],
-                                                    read3(out.velocity, s));
-                        write3(out.velocity, s, g.v);
-                        out.sigma[s] += g.sigma;
-                        out.radius[s] += g.radius;
-                      }
-                    });
+  parallel_blocks(std::size_t{0}, frame.splats.size(), kBlock,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t s = first; s < last; ++s) {
+                      const std::size_t i = frame.splats[s].id;
+                      const VelocityGrad g = effective_velocity_grad(
+                          read3(velocity, i), set.sigma[i], set.radius[i], read3(out.velocity, s));
+                      write3(out.velocity, s, g.v);
+                      out.sigma[s] += g.sigma;
+                      out.radius[s] += g.radius;
+                    }
+                  });
 }
 
 }  // namespace stgs::encoder::cpu

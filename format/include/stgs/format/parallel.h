@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+// Work on all threads. TBB does it, but for the thread sanitizer, which cannot see TBB's scheduler
+// (a system library that is not built with it) and would call every hand-over a race: there it is
+// done with threads of the standard library, so that what is reported is ours.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+
+#ifdef __SANITIZE_THREAD__
+#include <tbb/global_control.h>
+
+#include <atomic>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+#else
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
+#endif
+
+namespace stgs {
+
+// Threads that the functions below use; the caller's own is one of them.
+int concurrency();
+
+// body(i) for each i of [begin, end), in any order. An exception of a body ends it and is rethrown.
+template <typename Index, typename Body>
+void parallel_for(Index begin, Index end, const Body& body);
+
+// body(first, last) for blocks [first, last) of [begin, end), each at most `grain` >= 1 long.
+template <typename Index, typename Body>
+void parallel_blocks(Index begin, Index end, Index grain, const Body& body);
+
+// consume(job) for every job that produce() gives until it gives none. produce is called by one
+// thread at a time, in order; consume by several. At most `held` jobs exist at a time.
+template <typename Job, typename Produce, typename Consume>
+void parallel_jobs(int held, const Produce& produce, const Consume& consume);
+
+#ifdef __SANITIZE_THREAD__
+
+inline int concurrency() {
+  using Control = tbb::global_control;
+  return static_cast<int>(Control::active_value(Control::max_allowed_parallelism));
+}
+
+// work() on `threads` threads, the caller's included; the first exception is rethrown.
+template <typename Work>
+void run_on_threads(int threads, const Work& work) {
+  std::exception_ptr error;
+  std::mutex mutex;
+  const auto guarded = [&] {
+    try {
+      work();
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      if (!error) error = std::current_exception();
+    }
+  };
+  std::vector<std::thread> others;
+  for (int i = 1; i < threads; ++i) others.emplace_back(guarded);
+  guarded();
+  for (std::thread& thread : others) thread.join();
+  if (error) std::rethrow_exception(error);
+}
+
+template <typename Index, typename Body>
+void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
+  if (!(begin < end)) return;
+  const Index blocks = (end - begin + grain - 1) / grain;
+  std::atomic<Index> next{0};
+  run_on_threads(static_cast<int>(std::min<std::size_t>(blocks, concurrency())), [&] {
+    for (Index b = next++; b < blocks; b = next++) {
+      const Index first = begin + b * grain;
+      try {
+        body(first, std::min<Index>(end, first + grain));
+      } catch (...) {
+        next = blocks;
+        throw;
+      }
+    }
+  });
+}
+
+template <typename Index, typename Body>
+void parallel_for(Index begin, Index end, const Body& body) {
+  parallel_blocks(begin, end, Index{1}, [&body](Index first, Index) { body(first); });
+}
+
+template <typename Job, typename Produce, typename Consume>
+void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
+  std::mutex producing;
+  bool ended = false;
+  run_on_threads(std::min(held, concurrency()), [&] {
+    for (;;) {
+      std::optional<Job> job;
+      {
+        const std::lock_guard lock(producing);
+        if (!ended) job = produce();
+        ended = !job;
+      }
+      if (!job) return;
+      consume(*job);
+    }
+  });
+}
+
+#else
+
+inline int concurrency() {
+  return tbb::this_task_arena::max_concurrency();
+}
+
+template <typename Index, typename Body>
+void parallel_for(Index begin, Index end, const Body& body) {
+  tbb::parallel_for(begin, end, body);
+}
+
+template <typename Index, typename Body>
+void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
+  tbb::parallel_for(
+      tbb::blocked_range<Index>(begin, end, static_cast<std::size_t>(grain)),
+      [&body](const tbb::blocked_range<Index>& range) { body(range.begin(), range.end()); },
+      tbb::simple_partitioner());
+}
+
+template <typename Job, typename Produce, typename Consume>
+void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
+  using Slot = std::optional<Job>;
+  const auto next = [&produce](tbb::flow_control& flow) -> Slot {
+    Slot job = produce();
+    if (!job) flow.stop();
+    return job;
+  };
+  tbb::parallel_pipeline(static_cast<std::size_t>(held),
+                         tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
+                             tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
+                                                          [&consume](Slot job) { consume(*job); }));
+}
+
+#endif
+
+}  // namespace stgs
