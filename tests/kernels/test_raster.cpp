@@ -196,8 +196,10 @@ TEST_CASE("a frame that lists more than 2^26 tiles of splats is refused within 1
   const long before = usage.ru_maxrss;
   CHECK_THROWS_AS(bin(frame), std::length_error);
   getrusage(RUSAGE_SELF, &usage);
+#ifndef __SANITIZE_THREAD__                   // which keeps notes of several times the size
   CHECK(usage.ru_maxrss - before < 1 << 20);  // KiB
-  CHECK(frame.scratch.bin_chunks.empty());    // what was too much is not kept
+#endif
+  CHECK(frame.scratch.bin_chunks.empty());  // what was too much is not kept
   frame.splats.resize(3);
   bin(frame);
   CHECK(frame.instances.size() == 3 * 512 * 512);
