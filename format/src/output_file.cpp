@@ -2,20 +2,61 @@
 #include "stgs/format/output_file.h"
 
 #include <fcntl.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <charconv>
 #include <cstdio>
 #include <filesystem>
 
 namespace stgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Whether `name` is before, a process id and after, and that process is no more. A process with
+// our own id is: we ask before we make the folder.
+bool is_stale(const std::string& name, const std::string& before, const std::string& after) {
+  if (name.size() <= before.size() + after.size()) return false;
+  if (name.compare(0, before.size(), before) != 0) return false;
+  const std::size_t end = name.size() - after.size();
+  if (name.compare(end, std::string::npos, after) != 0) return false;
+  pid_t pid = 0;
+  const char* last = name.data() + end;
+  const auto read = std::from_chars(name.data() + before.size(), last, pid);
+  if (read.ec != std::errc() || read.ptr != last || pid <= 0) return false;
+  return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
+}
+
+}  // namespace
 
 std::string temporary_name(const std::string& path) {
   const std::filesystem::path whole(path);
   const std::string name =
       fmt::format(".{}.{}.tmp{}", whole.stem().string(), ::getpid(), whole.extension().string());
   return (whole.parent_path() / name).string();
+}
+
+std::vector<std::string> remove_stale(const std::string& path, const std::string& before,
+                                      const std::string& after, fs::file_type type) {
+  const fs::path whole(path);
+  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
+  std::vector<fs::path> stale;
+  std::error_code error;
+  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
+    std::error_code ignored;  // what cannot be looked at is not ours to remove
+    const bool fits = it->symlink_status(ignored).type() == type;
+    if (fits && is_stale(it->path().filename().string(), before, after))
+      stale.push_back(it->path());
+  }
+  std::vector<std::string> removed;
+  for (const fs::path& found : stale) {
+    fs::remove_all(found, error);
+    if (!error) removed.push_back(found.lexically_normal().string());
+  }
+  return removed;
 }
 
 Status rename_over(const std::string& from, const std::string& to) {

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import struct
 import unittest
 import zlib
@@ -10,7 +11,7 @@ import zlib
 import harness
 from harness import CliTest
 
-IO, INVALID, RUNTIME, UNSUPPORTED = 2, 3, 4, 5
+USAGE, IO, INVALID, RUNTIME, UNSUPPORTED = 1, 2, 3, 4, 5
 
 
 def flipped(data, at):
@@ -202,6 +203,14 @@ class WrongCaptures(CliTest):
 
 
 class Outputs(CliTest):
+    def test_packing_a_scene_onto_itself_is_refused(self):
+        shutil.copy(self.fixture("tiny.stgs"), self.path("scene.stgs"))
+        size = os.path.getsize(self.path("scene.stgs"))
+        os.link(self.path("scene.stgs"), self.path("same.stgs"))
+        for output in ("scene.stgs", "./scene.stgs", "same.stgs"):
+            self.fails(USAGE, "is the scene itself", "pack", "scene.stgs", "-o", output)
+        self.assertEqual(os.path.getsize(self.path("scene.stgs")), size)
+
     def render(self, output, *more):
         return ["render", self.fixture("tiny.stgs"), "--frames", "0:1", "-o", output, *more]
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
+#include <filesystem>
 
 #include "command.h"
 #include "encode_options.h"
@@ -25,6 +26,11 @@ class Pack final : public Command {
   }
   Status run(Session& session) override {
     STGS_TRY(check_can_write(output_));
+    std::error_code missing;  // where there is none yet, it is another file
+    if (std::filesystem::equivalent(input_, output_, missing)) {
+      return usage_error("{}: is the scene itself, which packing would lose; name another output",
+                         output_);
+    }
     encoder::PackReport report;
     const double begin = now_seconds();
     STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report, session.progress_sink()));

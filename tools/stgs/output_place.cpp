@@ -39,38 +39,6 @@ NameParts work_parts(const fs::path& path) {
   return {fmt::format(".{}.", path.filename().string()), ".tmp.work"};
 }
 
-// Whether `name` is before, a process id and after, and that process is no more. A process with
-// our own id is: we ask before we make the folder.
-bool is_stale(const std::string& name, const NameParts& parts) {
-  if (name.size() <= parts.before.size() + parts.after.size()) return false;
-  if (name.compare(0, parts.before.size(), parts.before) != 0) return false;
-  const std::size_t end = name.size() - parts.after.size();
-  if (name.compare(end, std::string::npos, parts.after) != 0) return false;
-  pid_t pid = 0;
-  const char* last = name.data() + end;
-  const auto read = std::from_chars(name.data() + parts.before.size(), last, pid);
-  if (read.ec != std::errc() || read.ptr != last || pid <= 0) return false;
-  return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
-}
-
-std::vector<std::string> remove_stale(const fs::path& whole, const NameParts& parts,
-                                      fs::file_type type) {
-  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
-  std::vector<fs::path> stale;
-  std::error_code error;
-  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
-    std::error_code ignored;  // what cannot be looked at is not ours to remove
-    const bool fits = it->symlink_status(ignored).type() == type;
-    if (fits && is_stale(it->path().filename().string(), parts)) stale.push_back(it->path());
-  }
-  std::vector<std::string> removed;
-  for (const fs::path& found : stale) {
-    fs::remove_all(found, error);
-    if (!error) removed.push_back(found.lexically_normal().string());
-  }
-  return removed;
-}
-
 }  // namespace
 
 std::string work_name(const std::string& path) {
@@ -81,14 +49,15 @@ std::string work_name(const std::string& path) {
 }
 
 std::vector<std::string> remove_stale_work(const std::string& path) {
-  return remove_stale(path, work_parts(path), fs::file_type::directory);
+  const NameParts parts = work_parts(path);
+  return remove_stale(path, parts.before, parts.after, fs::file_type::directory);
 }
 
 std::vector<std::string> remove_stale_files(const std::string& path) {
   const fs::path whole(path);
   const NameParts parts = {fmt::format(".{}.", whole.stem().string()),
                            fmt::format(".tmp{}", whole.extension().string())};
-  return remove_stale(whole, parts, fs::file_type::regular);
+  return remove_stale(path, parts.before, parts.after, fs::file_type::regular);
 }
 
 Status check_can_write(const std::string& path) {

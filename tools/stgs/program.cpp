@@ -7,6 +7,7 @@
 
 #include "command.h"
 #include "options.h"
+#include "stgs/encoder/train.h"
 #include "stgs/format/raster.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
@@ -162,9 +163,11 @@ std::string version_text() {
 #ifdef STGS_HAS_EXR
   parts += " exr";
 #endif
-  return fmt::format("stgs {}\nformat: {}.{}\nvector target: {}\nbackends: {}\nbuilt in:{}\n",
-                     STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
-                     fmt::join(player::renderer_backends(), " "), parts.empty() ? " -" : parts);
+  return fmt::format(
+      "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
+      STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
+      fmt::join(encoder::train_backends(), " "), fmt::join(player::renderer_backends(), " "),
+      parts.empty() ? " -" : parts);
 }
 
 int run_program(int argc, char** argv) {

@@ -12,6 +12,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <ctime>
 #include <system_error>
 
 namespace stgs::tools {
@@ -23,8 +24,16 @@ constexpr int kBarWidth = 28;
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler");
 
+std::atomic<std::time_t> stop_requested_at{0};
+static_assert(std::atomic<std::time_t>::is_always_lock_free, "used in a signal handler");
+
+// A second signal ends the program at once, unless it comes with the first: a terminal and a
+// 'timeout' both tell the same process.
 void request_stop(int signal) {
-  if (stop_requested.exchange(true)) {
+  const std::time_t now = std::time(nullptr);
+  if (!stop_requested.exchange(true)) {
+    stop_requested_at = now;
+  } else if (now > stop_requested_at + 1) {
     std::signal(signal, SIG_DFL);
     std::raise(signal);
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/backend.h"
+#include "stgs/encoder/train.h"
 
 namespace stgs::encoder {
 
@@ -8,6 +9,14 @@ Result<std::unique_ptr<TrainBackend>> make_cuda_backend() {
   return not_built("backend 'cuda' cannot train in this build; use --backend cpu");
 }
 #endif
+
+std::vector<std::string> train_backends() {
+#if STGS_HAS_CUDA
+  return {"cpu", "cuda"};
+#else
+  return {"cpu"};
+#endif
+}
 
 Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name) {
   if (name == "cpu") return make_cpu_backend();

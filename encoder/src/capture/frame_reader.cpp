@@ -91,7 +91,11 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
   STGS_ASSIGN(cv::VideoCapture video, open_video(camera));
   cv::Mat image;
   if (!video.read(image) || image.empty()) {
-    return invalid_file("{}: cannot decode a frame of camera '{}'", camera.video, camera.name);
+    return invalid_file(
+        "{}: cannot decode frame 0 of camera '{}': truncated, or no video that FFmpeg reads; copy "
+        "it "
+        "again",
+        camera.video, camera.name);
   }
   info.width = image.cols;
   info.height = image.rows;

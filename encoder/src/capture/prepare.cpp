@@ -8,6 +8,7 @@
 #include "capture_files.h"
 #include "init/init.h"
 #include "source_capture.h"
+#include "stgs/format/output_file.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -87,6 +88,10 @@ Status prepare(const std::string& capture, const std::string& folder,
   try {
     const std::string target = (fs::path(folder) / "").parent_path().string();
     STGS_TRY(check_target(capture, target, settings.overwrite));
+    const std::string before = fs::path(target).filename().string() + ".partial-";
+    for (const std::string& stale : remove_stale(target, before, "", fs::file_type::directory)) {
+      log_or_none(2, fmt::format("{}: removed, a killed prepare had left it", stale));
+    }
     const Temporary partial{fmt::format("{}.partial-{}", target, ::getpid())};
     fs::create_directories(partial.folder);
     STGS_TRY(prepare_into(capture, partial.folder, settings, progress, log_or_none));

@@ -48,6 +48,8 @@ struct TrainReport {
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report);
 
+// The backends that this build can train with, whatever the machine has.
+std::vector<std::string> train_backends();
 // Whether this build and machine have the backend of TrainSettings::backend; else what to do.
 Status check_train_backend(const std::string& backend);
 

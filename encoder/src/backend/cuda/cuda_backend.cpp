@@ -38,6 +38,13 @@ Status CudaBackend::create() {
   STGS_TRY(cuda_status(cudaSetDevice(0), "choosing the GPU"));
   STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, 0), "asking about the GPU"));
   name_ = fmt::format("cuda ({})", properties.name);
+  if (const cudaError_t error = kernels_loadable(); error != cudaSuccess) {
+    (void)cudaGetLastError();
+    return unsupported(
+        "this build has no code for the {} (compute capability {}.{}): build again with "
+        "-DCMAKE_CUDA_ARCHITECTURES={}{}, or use --backend cpu",
+        properties.name, properties.major, properties.minor, properties.major, properties.minor);
+  }
   STGS_TRY(stream_.create());
   STGS_TRY(pipeline_.create(stream_));
   STGS_TRY(densifier_.create());
@@ -113,10 +120,12 @@ std::size_t CudaBackend::room() const {
 }
 
 Status CudaBackend::step(const StepInput& input) {
-  if (pending_.size() == kInFlight) {
-    STGS_TRY(cuda_status(cudaEventSynchronize(done_[pending_.front().slot]), "waiting for a step"));
-  }
   STGS_TRY(collect(false));
+  // Again and again: where a step did not fit, all are under way once more.
+  while (pending_.size() >= kInFlight) {
+    STGS_TRY(cuda_status(cudaEventSynchronize(done_[pending_.front().slot]), "waiting for a step"));
+    STGS_TRY(collect(false));
+  }
   return enqueue(input);
 }
 

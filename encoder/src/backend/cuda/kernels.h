@@ -141,6 +141,9 @@ struct UpdateSettings {
 // Bytes of Workspace::sort_memory for sorting `items` and for summing over them.
 std::size_t sort_memory_bytes(std::size_t items);
 
+// cudaSuccess where this build has code for the current GPU.
+cudaError_t kernels_loadable();
+
 // Fills `iota` with 0 .. n-1.
 void launch_iota(std::uint32_t* iota, std::size_t n, cudaStream_t stream);
 // 0 .. n-1 in ascending order of the low `bits` of their keys; equal ones in their own order.

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "stgs/format/status.h"
 
@@ -12,6 +14,12 @@ namespace stgs {
 
 // The temporary name that belongs to `path` in this process: same folder, same ending, hidden.
 std::string temporary_name(const std::string& path);
+
+// Removes what of this type lies beside `path`, is named `before`, a process id, `after`, and
+// belongs to a process that has ended on this machine without removing it; returns the names. What
+// cannot be removed stays.
+std::vector<std::string> remove_stale(const std::string& path, const std::string& before,
+                                      const std::string& after, std::filesystem::file_type type);
 
 // Renames, replacing an existing file.
 Status rename_over(const std::string& from, const std::string& to);

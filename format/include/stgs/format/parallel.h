@@ -21,6 +21,9 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_pipeline.h>
 #include <tbb/task_arena.h>
+
+#include <memory>
+#include <utility>
 #endif
 
 namespace stgs {
@@ -130,16 +133,18 @@ void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
 
 template <typename Job, typename Produce, typename Consume>
 void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
-  using Slot = std::optional<Job>;
+  using Slot = std::shared_ptr<Job>;
   const auto next = [&produce](tbb::flow_control& flow) -> Slot {
-    Slot job = produce();
-    if (!job) flow.stop();
-    return job;
+    std::optional<Job> job = produce();
+    if (job) return std::make_shared<Job>(std::move(*job));
+    flow.stop();
+    return nullptr;
   };
-  tbb::parallel_pipeline(static_cast<std::size_t>(held),
-                         tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
-                             tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
-                                                          [&consume](Slot job) { consume(*job); }));
+  tbb::parallel_pipeline(
+      static_cast<std::size_t>(held),
+      tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
+          tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
+                                       [&consume](const Slot& job) { consume(*job); }));
 }
 
 #endif
