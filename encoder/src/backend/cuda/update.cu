@@ -2,7 +2,7 @@
 // The end of the step for each visible primitive, a thread each: its instances' sums, the gradients
 // by its parameters (math/grad.h), regularisers, densification statistics, Adam. The harmonics,
 // most of the numbers, are then updated by the whole warp so that memory is read in rows.
-#include "backend/cuda/device.cuh"
+#include "backend/cuda/update_rows.cuh"
 #include "math/grad.h"
 
 namespace stgs::encoder::cuda {
@@ -78,30 +78,6 @@ __device__ SplatGradient splat_gradient(const Sums& s, Sym2 conic, float opacity
   return g;
 }
 
-// What a primitive's thread leaves for its warp: gradients by the parameters but for the harmonics,
-// whose gradients are basis times colour gradient, and Adam's factors.
-enum Field : int {
-  kByPosition = 0,
-  kByLogScale = 3,
-  kByRotation = 6,
-  kByOpacity = 10,
-  kByTime = 11,
-  kByVelocity = 12,  // the new v after Adam
-  kByLogSigma = 15,  // the new log sigma after Adam
-  kByRadius = 16,    // the new r after Adam
-  kByColour = 17,
-  kBasis = 20,
-  kFirstFactor = 36,
-  kSecondRoot = 37,
-  kFields = 39,  // odd, so that lanes fall on different banks
-};
-
-__device__ void write3(float* to, Vec3 v) {
-  to[0] = v.x;
-  to[1] = v.y;
-  to[2] = v.z;
-}
-
 // The gradient by the position seen, through the colour; basis and gradient for the harmonics.
 __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_camera,
                                 const ScreenSplat& splat, Vec3 grad, float* stage) {
@@ -124,17 +100,22 @@ __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_cam
   return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
 }
 
-__device__ Vec3 read3(const float* array, std::uint32_t i) {
-  return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
-}
+// What densification wants to know of a view.
+struct Statistics {
+  float gradient, abs_gradient, error;
+};
 
 // Image positions in half image widths, so that one threshold fits every picture size.
-__device__ void gather_statistics(const Primitives& p, std::uint32_t i, const View& view,
-                                  const SplatGradient& g) {
+__device__ Statistics statistics_of(const View& view, const SplatGradient& g) {
   const float half_width = 0.5f * view.camera.width, half_height = 0.5f * view.camera.height;
-  p.gradient_sum[i] += hypotf(g.mean.x * half_width, g.mean.y * half_height);
-  p.abs_gradient_sum[i] += hypotf(g.abs_mean.x * half_width, g.abs_mean.y * half_height);
-  p.error_max[i] = fmaxf(p.error_max[i], g.error);
+  return {hypotf(g.mean.x * half_width, g.mean.y * half_height),
+          hypotf(g.abs_mean.x * half_width, g.abs_mean.y * half_height), g.error};
+}
+
+__device__ void gather_statistics(const Primitives& p, std::uint32_t i, const Statistics& seen) {
+  p.gradient_sum[i] += seen.gradient;
+  p.abs_gradient_sum[i] += seen.abs_gradient;
+  p.error_max[i] = fmaxf(p.error_max[i], seen.error);
   ++p.views[i];
 }
 
@@ -159,11 +140,12 @@ __device__ Own load_own(const Primitives& p, std::uint32_t i) {
   return own;
 }
 
-// Fills the stage of a visible primitive; returns its weighted regularisers, not yet a mean.
+// Fills the stage of a visible primitive but for Adam's factors, and the statistics where they are
+// gathered; returns its weighted regularisers, not yet a mean.
 __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const Own& own,
                                      const View& view, const UpdateSettings& settings,
                                      const ScreenSplat& splat, const Sums& sums, float share,
-                                     float* stage) {
+                                     float* stage, Statistics& statistics) {
   const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
                    splat.half_yy * (-2.0f / kLog2E)};
   const float seen = exp2f(splat.most);  // O_t
@@ -225,130 +207,8 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   write3(stage + kByVelocity, by_velocity.v);
   stage[kByLogSigma] = d_sigma * sigma;
   stage[kByRadius] = settings.learn_radius ? d_radius : radius;
-  const AdamFactors factors = adam_factors(++p.updates[i]);
-  stage[kFirstFactor] = factors.first;
-  stage[kSecondRoot] = factors.second_root;
-  if (settings.gather_statistics) gather_statistics(p, i, view, grad);
+  if (settings.gather_statistics) statistics = statistics_of(view, grad);
   return regularisers;
-}
-
-// The rows of an attribute's values and moments that belong to a warp's primitives: lane L has the
-// values L, L + 32, ... of the kSize * 32 from the first on.
-template <int kSize>
-struct Rows {
-  float value[kSize], first[kSize], second[kSize];
-};
-
-// Whether the value `e` of the warp's rows belongs to a visible primitive.
-template <int kSize>
-__device__ bool is_used(unsigned visible, int j) {
-  return visible >> ((static_cast<int>(threadIdx.x & 31) + 32 * j) / kSize) & 1u;
-}
-
-template <int kSize>
-__device__ void load_rows(const Primitives& p, int attribute, std::uint32_t first, unsigned visible,
-                          Rows<kSize>& rows) {
-  const std::size_t at = static_cast<std::size_t>(first) * kSize + (threadIdx.x & 31);
-#pragma unroll
-  for (int j = 0; j < kSize; ++j) {
-    if (!is_used<kSize>(visible, j)) continue;
-    rows.value[j] = p.values[attribute][at + 32 * j];
-    rows.first[j] = p.first[attribute][at + 32 * j];
-    rows.second[j] = p.second[attribute][at + 32 * j];
-  }
-}
-
-// Adam on the rows, whose gradients are in the stage at `field`; the new values replace them there.
-template <int kSize>
-__device__ void step_rows(const Primitives& p, int attribute, std::uint32_t first, unsigned visible,
-                          float rate, float* stage, int field, Rows<kSize>& rows) {
-  const std::size_t at = static_cast<std::size_t>(first) * kSize + (threadIdx.x & 31);
-#pragma unroll
-  for (int j = 0; j < kSize; ++j) {
-    if (!is_used<kSize>(visible, j)) continue;
-    const int e = static_cast<int>(threadIdx.x & 31) + 32 * j;
-    float* own = stage + e / kSize * kFields;
-    float& gradient = own[field + e % kSize];
-    float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient, rate,
-                       {own[kFirstFactor], own[kSecondRoot]});
-    if (attribute == kRadius) value = fmaxf(value, 0.0f);
-    gradient = value;
-    p.values[attribute][at + 32 * j] = value;
-    p.first[attribute][at + 32 * j] = rows.first[j];
-    p.second[attribute][at + 32 * j] = rows.second[j];
-  }
-}
-
-// All attributes but the harmonics; reads go ahead of writes by half of them.
-__device__ void update_parameters(const Primitives& p, std::uint32_t first, unsigned visible,
-                                  const UpdateSettings& s, float* stage) {
-  Rows<3> position, log_scale, velocity;
-  Rows<4> rotation;
-  Rows<1> opacity, time, log_sigma, radius;
-  load_rows(p, kPosition, first, visible, position);
-  load_rows(p, kLogScale, first, visible, log_scale);
-  load_rows(p, kRotation, first, visible, rotation);
-  step_rows(p, kPosition, first, visible, s.rates[kPosition], stage, kByPosition, position);
-  step_rows(p, kLogScale, first, visible, s.rates[kLogScale], stage, kByLogScale, log_scale);
-  step_rows(p, kRotation, first, visible, s.rates[kRotation], stage, kByRotation, rotation);
-  load_rows(p, kOpacity, first, visible, opacity);
-  load_rows(p, kTime, first, visible, time);
-  load_rows(p, kVelocity, first, visible, velocity);
-  load_rows(p, kLogSigma, first, visible, log_sigma);
-  if (s.learn_radius) load_rows(p, kRadius, first, visible, radius);
-  step_rows(p, kOpacity, first, visible, s.rates[kOpacity], stage, kByOpacity, opacity);
-  step_rows(p, kTime, first, visible, s.rates[kTime], stage, kByTime, time);
-  step_rows(p, kVelocity, first, visible, s.rates[kVelocity], stage, kByVelocity, velocity);
-  step_rows(p, kLogSigma, first, visible, s.rates[kLogSigma], stage, kByLogSigma, log_sigma);
-  if (s.learn_radius)
-    step_rows(p, kRadius, first, visible, s.rates[kRadius], stage, kByRadius, radius);
-}
-
-// The derived u and sigma from what update_parameters left in the primitive's stage.
-__device__ void derive(const Primitives& p, std::uint32_t i, bool modulated, const float* stage) {
-  const float sigma = expf(stage[kByLogSigma]);
-  const float f = modulated ? lifespan_modulation(sigma, stage[kByRadius]) : 1.0f;
-  p.sigma[i] = sigma;
-  p.u[3 * i] = stage[kByVelocity] / f;
-  p.u[3 * i + 1] = stage[kByVelocity + 1] / f;
-  p.u[3 * i + 2] = stage[kByVelocity + 2] / f;
-}
-
-// The harmonics of the warp's primitives, kAhead values a lane at a time.
-__device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsigned visible,
-                                 int coefficients, const UpdateSettings& settings,
-                                 const float* stage) {
-  constexpr int kAhead = 6;
-  const unsigned used = 3u * static_cast<unsigned>(coefficients), stored = 3u * p.sh_coefficients;
-  const std::size_t origin = static_cast<std::size_t>(first) * stored;
-  for (unsigned e = threadIdx.x & 31; e < 32 * used; e += 32 * kAhead) {
-    Rows<kAhead> rows;
-    std::size_t at[kAhead];
-    float gradient[kAhead], rate[kAhead];
-    const float* own[kAhead];
-#pragma unroll
-    for (int j = 0; j < kAhead; ++j) {
-      const unsigned place = e + 32 * j, owner = place / used, k = place % used;
-      own[j] = nullptr;
-      if (owner >= 32 || !(visible >> owner & 1u)) continue;
-      own[j] = stage + owner * kFields;
-      at[j] = origin + owner * stored + k;
-      rows.value[j] = p.values[kSh][at[j]];
-      rows.first[j] = p.first[kSh][at[j]];
-      rows.second[j] = p.second[kSh][at[j]];
-      gradient[j] = own[j][kBasis + k / 3] * own[j][kByColour + k % 3];
-      rate[j] = k < 3 ? settings.rate_sh0 : settings.rates[kSh];
-    }
-#pragma unroll
-    for (int j = 0; j < kAhead; ++j) {
-      if (own[j] == nullptr) continue;
-      const float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient[j], rate[j],
-                               {own[j][kFirstFactor], own[j][kSecondRoot]});
-      p.values[kSh][at[j]] = value;
-      p.first[kSh][at[j]] = rows.first[j];
-      p.second[kSh][at[j]] = rows.second[j];
-    }
-  }
 }
 
 __global__ void __launch_bounds__(kUpdateBlock, 6)
@@ -372,10 +232,22 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
       splat = load_splat(w.splats, i);
     }
     const Sums found = sum_instances(own ? w.ranges[i] : make_uint2(0, 0), w.partials);
-    if (own)
-      regularisers = primitive_gradients(p, i, values, view, settings, splat, found, share, stage);
+    if (own) {
+      Statistics statistics{};
+      regularisers =
+          primitive_gradients(p, i, values, view, settings, splat, found, share, stage, statistics);
+      const AdamFactors factors = adam_factors(++p.updates[i]);
+      stage[kFirstFactor] = factors.first;
+      stage[kSecondRoot] = factors.second_root;
+      if (settings.gather_statistics) gather_statistics(p, i, statistics);
+    }
     __syncwarp();
-    update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage);
+    // Basis times colour gradient.
+    const auto by_harmonic = [warp_stage](unsigned owner, unsigned k) {
+      const float* its = warp_stage + owner * kFields;
+      return its[kBasis + k / 3] * its[kByColour + k % 3];
+    };
+    update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage, by_harmonic);
     update_parameters(p, i - lane, visible, settings, warp_stage);
     __syncwarp();
     if (own) derive(p, i, settings.modulated, stage);
