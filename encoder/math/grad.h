@@ -10,6 +10,7 @@
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/math/sh.h"
+#include "stgs/format/math/surface.h"
 
 STGS_MATH_BEGIN
 
@@ -250,6 +251,90 @@ STGS_FN Vec3 normalise_grad(Vec3 n, float inverse_length, Vec3 grad) {
 // d sh_colour / d sum.
 STGS_FN float sh_colour_grad(float sum) {
   return sum + 0.5f > 0.0f ? 1.0f : 0.0f;
+}
+
+// --- Surface -------------------------------------------------------------------------------------
+
+struct PrimitivePlaneGrad {
+  Vec3 position;  // in the world
+  Quat rotation;
+};
+
+// Of primitive_plane, with its choices of axis and of side held constant.
+STGS_FN PrimitivePlaneGrad primitive_plane_grad(PinholeCamera camera, Vec3 position, Quat q,
+                                                Vec3 scale, Plane d) {
+  int axis = shortest_axis(scale);
+  Vec3 n = mat3_mul(camera.rotation, mat3_column(rotation_of(q), axis));
+  Vec3 c = to_camera(camera, position);
+  float facing = dot3(n, c) > 0.0f ? -1.0f : 1.0f;
+  Vec3 by_n = vec3_scale(vec3_add(d.normal, vec3_scale(c, d.distance)), facing);
+  PrimitivePlaneGrad g;
+  g.position = mat3_transpose_mul(camera.rotation, vec3_scale(n, facing * d.distance));
+  Vec3 column = mat3_transpose_mul(camera.rotation, by_n);
+  float x = axis == 0 ? 1.0f : 0.0f;
+  float y = axis == 1 ? 1.0f : 0.0f;
+  float z = axis == 2 ? 1.0f : 0.0f;
+  Mat3 dr;
+  dr.xx = x * column.x;
+  dr.yx = x * column.y;
+  dr.zx = x * column.z;
+  dr.xy = y * column.x;
+  dr.yy = y * column.y;
+  dr.zy = y * column.z;
+  dr.xz = z * column.x;
+  dr.yz = z * column.y;
+  dr.zz = z * column.z;
+  g.rotation = rotation_grad(q, dr);
+  return g;
+}
+
+// Of plane_depth by the blended plane, from the depth itself; none where there is no surface.
+STGS_FN Plane plane_depth_grad(Plane blend, float depth, Vec3 ray, float grad) {
+  Plane g;
+  g.normal = vec3_of(0.0f, 0.0f, 0.0f);
+  g.distance = 0.0f;
+  if (!(depth > 0.0f)) return g;
+  g.distance = grad / dot3(blend.normal, ray);
+  g.normal = vec3_scale(ray, -depth * g.distance);
+  return g;
+}
+
+struct SurfaceNormalGrad {
+  Vec3 down, right;
+};
+
+STGS_FN SurfaceNormalGrad surface_normal_grad(Vec3 down, Vec3 right, Vec3 grad) {
+  Vec3 c = cross3(down, right);
+  float square = dot3(c, c);
+  float inverse = square > 1e-30f ? 1.0f / sqrt(square) : 0.0f;
+  Vec3 by_c = normalise_grad(vec3_scale(c, inverse), inverse, grad);
+  SurfaceNormalGrad g;
+  g.down = cross3(right, by_c);
+  g.right = cross3(by_c, down);
+  return g;
+}
+
+// A pixel's part of L_n, weight |alpha N_depth - N_render|_1 with alpha held constant (PGSR), and
+// its gradients by the blended normal and by the two differences of points that N_depth is of. All
+// are 0 where these are along one line.
+struct NormalTerm {
+  float value;
+  Vec3 normal, down, right;
+};
+
+STGS_FN NormalTerm normal_term(Vec3 blended_normal, float alpha, Vec3 down, Vec3 right,
+                               float weight) {
+  Vec3 n = surface_normal(down, right);
+  float w = dot3(n, n) > 0.0f ? weight : 0.0f;
+  Vec3 d = vec3_add(vec3_scale(n, alpha), vec3_scale(blended_normal, -1.0f));
+  Vec3 slope = vec3_of(d.x > 0.0f ? w : -w, d.y > 0.0f ? w : -w, d.z > 0.0f ? w : -w);
+  SurfaceNormalGrad by_points = surface_normal_grad(down, right, vec3_scale(slope, alpha));
+  NormalTerm t;
+  t.value = dot3(slope, d);
+  t.normal = vec3_scale(slope, -1.0f);
+  t.down = by_points.down;
+  t.right = by_points.right;
+  return t;
 }
 
 // --- Alpha ---------------------------------------------------------------------------------------

@@ -167,6 +167,38 @@ TEST_CASE("the sample of views is spread over cameras and time") {
   CHECK(sample_views(capture, true, 8).size() == 4);
 }
 
+TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the same bits") {
+  const SyntheticCapture synthetic("train_normals");
+  const std::string path = synthetic.capture.folder + "/log.jsonl";
+  TrainSettings settings = short_run(200);
+  settings.overrides.emplace_back("weight_normal", "0.02");
+  settings.overrides.emplace_back("normal_from", "0.4");
+  settings.log_path = path;
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 120;
+  const Result<Scene> whole = run(synthetic, settings);
+  REQUIRE(whole.ok());
+  const Result<TrainingLog> log = read_training_log(path);
+  REQUIRE(log.ok());
+  REQUIRE(log->steps.size() == 5);  // 1, 50, 100, 150, 200
+  for (const LoggedStep& step : log->steps) CHECK((step.normal > 0.0) == (step.iteration > 80));
+  REQUIRE_FALSE(run(synthetic, settings, [](const Progress& p) { return p.done < 0.6; }).ok());
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = run(synthetic, settings);
+  REQUIRE(resumed.ok());
+  CHECK(same(whole->gaussians, resumed->gaussians));
+
+  settings.resume.clear();
+  settings.ablate = "representation";
+  std::string warning;
+  const auto hear = [&](int level, const std::string& line) {
+    if (level == 1) warning = line;
+  };
+  REQUIRE(train(synthetic.capture, settings, nullptr, hear, nullptr).ok());
+  CHECK(warning.find("L_n") != std::string::npos);
+  CHECK(read_training_log(path)->steps.back().normal == 0.0);
+}
+
 TEST_CASE("the coupled representation trains, and resumes to the same bits") {
   const SyntheticCapture synthetic("train_coupled");
   TrainSettings settings = short_run(400);

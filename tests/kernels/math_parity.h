@@ -8,6 +8,7 @@
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/math/sh.h"
+#include "stgs/format/math/surface.h"
 
 STGS_MATH_BEGIN
 
@@ -39,6 +40,10 @@ struct ParityFound {
   Vec3 colour;
   float power;
   float alpha;
+  Plane plane;
+  float plane_depth;    // of the primitive alone, at the pixel of its centre
+  Vec3 surface_normal;  // the plane's own, from two differences within it
+  float flatness;
 };
 
 STGS_FN ParityFound parity_of(ParityGiven g) {
@@ -70,6 +75,12 @@ STGS_FN ParityFound parity_of(ParityGiven g) {
   r.power = splat_power(r.projection.conic, g.offset.x * larger(r.extent.x, 0.0f),
                         g.offset.y * larger(r.extent.y, 0.0f));
   r.alpha = splat_alpha(opacity_t, r.power);
+  r.plane = primitive_plane(g.camera, r.position, g.rotation, g.log_scale);
+  Vec3 ray = pixel_ray(g.camera, r.projection.mean.x, r.projection.mean.y);
+  r.plane_depth = plane_depth(r.plane, 1.0f, ray);
+  Vec3 x = cross3(r.plane.normal, ray);
+  r.surface_normal = surface_normal(cross3(r.plane.normal, x), x);
+  r.flatness = flatness_weight(g.offset.x);
   return r;
 }
 

@@ -151,6 +151,26 @@ void compare_colour(const ParityGiven& g, const ParityFound& e, const ParityFoun
   out->add("colour", i, e.colour, a.colour, 16 * direction * weight);
 }
 
+void compare_surface(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
+                     std::size_t i, Comparison* out) {
+  out->add("flatness", i, e.flatness, a.flatness, 8 * kEpsilon);
+  const double reach = norm(e.position) + norm(g.camera.translation);
+  const double distance = std::abs(e.plane.distance);
+  // Nearly edge-on either side is right.
+  if (!e.projection.visible || !a.projection.visible || distance <= 1e-3 * reach) return;
+  out->add("plane normal", i, e.plane.normal, a.plane.normal, 32 * kEpsilon);
+  out->add("plane distance", i, e.plane.distance, a.plane.distance, 32 * kEpsilon * reach);
+  const Vec3 ray = pixel_ray(g.camera, e.projection.mean.x, e.projection.mean.y);
+  const double slope = norm(ray), facing = -dot3(e.plane.normal, ray);
+  if (facing < 1.1 * kSurfaceFacing) return;
+  const double eta = 32 * kEpsilon * (1.0 + reach / e.projection.depth) * slope;
+  out->add("plane depth", i, e.plane_depth, a.plane_depth,
+           e.plane_depth * (eta / facing + 32 * kEpsilon * reach / distance));
+  const double across = std::sqrt(std::max(slope * slope - facing * facing, 0.0));
+  if (across > 1e-2)
+    out->add("surface normal", i, e.surface_normal, a.surface_normal, eta / across);
+}
+
 }  // namespace
 
 std::vector<ParityGiven> parity_primitives(std::size_t count, std::uint32_t seed) {
@@ -195,6 +215,7 @@ std::vector<ParityRow> compare_parity(const std::vector<ParityGiven>& given,
     comparison.add("covariance", i, Vec3{e.xy, e.xz, e.yz}, Vec3{a.xy, a.xz, a.yz}, tolerance);
     compare_on_screen(g, expected, found[i], i, &comparison);
     compare_colour(g, expected, found[i], i, &comparison);
+    compare_surface(g, expected, found[i], i, &comparison);
   }
   return comparison.rows;
 }

@@ -31,11 +31,13 @@ struct StepInput {
   float rate_colour = 0;
   float weight_l1 = 0, weight_ssim = 0;
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
+  float weight_normal = 0;  // 0: L_n is off, and costs nothing
 };
 
 struct StepOutput {
   double loss = 0;          // L_recon + L_reg
   double l1 = 0, ssim = 0;  // means over the picture
+  double normal = 0;        // L_n before its weight; 0 where it is off
   std::size_t visible = 0;  // primitives drawn
 };
 
@@ -52,6 +54,7 @@ struct TrainPlan {
   int sh_coefficients = 1;    // stored
   int width = 0, height = 0;  // of the largest picture
   bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
+  bool normals = false;       // some steps have L_n on
 };
 
 // One thread calls it; it uses many. The state is the backend's between begin and synchronise.

@@ -18,6 +18,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("weight_lifespan", p.weight_lifespan);
   visit("weight_opacity", p.weight_opacity);
   visit("weight_scale", p.weight_scale);
+  visit("weight_normal", p.weight_normal);
   visit("lr_position", p.lr_position);
   visit("lr_position_final", p.lr_position_final);
   visit("lr_velocity", p.lr_velocity);
@@ -35,6 +36,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("sh_step", p.sh_step);
   visit("coarse_until", p.coarse_until);
   visit("stage1_until", p.stage1_until);
+  visit("normal_from", p.normal_from);
   visit("densify_from", p.densify_from);
   visit("densify_until", p.densify_until);
   visit("densify_interval", p.densify_interval);

@@ -22,6 +22,7 @@ struct HyperParameters {
   double weight_lifespan = 1e-3;  // L_t
   double weight_opacity = 1e-2;   // L_opacity, second stage only
   double weight_scale = 1e-2;     // L_scale, divided by the scene's radius
+  double weight_normal = 0.0;     // L_n, normals against depth; 0: off
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
   double lr_position = 1.6e-4;
@@ -43,6 +44,7 @@ struct HyperParameters {
   double sh_step = 0.1;           // harmonics rise by a degree each such share
   double coarse_until = 0.25;     // half-size pictures up to here
   double stage1_until = 1.0 / 3;  // growth; then N is frozen (paper 3.2)
+  double normal_from = 7.0 / 30;  // L_n is on from here (PGSR: 7,000 of 30,000)
   double densify_from = 0.03;
   double densify_until = 0.85;  // last replacement of the second stage
   int densify_interval = 100;   // iterations

@@ -104,6 +104,10 @@ Status Trainer::prepare_backend() {
     plan.height = std::max(plan.height, camera.height);
   }
   plan.coupled = state_.is_coupled();
+  plan.normals = with_normals();
+  if (parameters_.weight_normal > 0 && !with_normals()) {
+    log_(1, "L_n (weight_normal) is off: the coupled representation has no axes of its own");
+  }
   log_(2, fmt::format("training on {}", backend_->name()));
   return backend_->reserve(plan);
 }
@@ -185,6 +189,8 @@ StepInput Trainer::step_input() {
   input.weight_lifespan = static_cast<float>(p.weight_lifespan);
   input.weight_opacity = static_cast<float>(p.weight_opacity);
   input.weight_scale = static_cast<float>(p.weight_scale / capture_.scene_radius);
+  if (with_normals() && done >= p.normal_from)
+    input.weight_normal = static_cast<float>(p.weight_normal);
   return input;
 }
 
@@ -255,7 +261,7 @@ bool Trainer::log_due() const {
 
 void Trainer::write_log() {
   log_file_.write(LoggedStep{state_.iteration, state_.seconds, state_.mean_loss, last_.l1,
-                             last_.ssim, backend_->size(), last_.visible});
+                             last_.ssim, last_.normal, backend_->size(), last_.visible});
 }
 
 int Trainer::measures_due() const {

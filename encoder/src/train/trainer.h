@@ -40,6 +40,9 @@ class Trainer {
   // Share of the schedule that is done, [0, 1].
   double share() const;
   bool finished() const { return share() >= 1.0; }
+  // The coupled representation's axes are eigenvectors of what it learns, whose gradient has a pole
+  // where two are equally long, as all are at the start; so it trains without L_n.
+  bool with_normals() const { return parameters_.weight_normal > 0 && !state_.is_coupled(); }
   StepInput step_input();
   std::size_t view_of_iteration();
   // Takes what the steps have given since the last time into the running mean and last_.

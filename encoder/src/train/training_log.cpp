@@ -15,9 +15,13 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 Json to_json(const LoggedStep& step) {
-  return {{"iteration", step.iteration}, {"seconds", step.seconds},
-          {"loss", step.loss},           {"l1", step.l1},
-          {"ssim", step.ssim},           {"primitives", step.primitives},
+  return {{"iteration", step.iteration},
+          {"seconds", step.seconds},
+          {"loss", step.loss},
+          {"l1", step.l1},
+          {"ssim", step.ssim},
+          {"normal", step.normal},
+          {"primitives", step.primitives},
           {"visible", step.visible}};
 }
 
@@ -42,7 +46,7 @@ void add_line(const Json& json, TrainingLog& log) {
   }
   log.steps.push_back({iteration, seconds, json.at("loss").get<double>(),
                        json.at("l1").get<double>(), json.at("ssim").get<double>(),
-                       json.at("primitives").get<std::uint64_t>(),
+                       json.value("normal", 0.0), json.at("primitives").get<std::uint64_t>(),
                        json.at("visible").get<std::uint64_t>()});
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The log of a training: a JSON object a line (tools/schema/training_log.json), of two kinds:
-//   {"iteration", "seconds", "loss", "l1", "ssim", "primitives", "visible"}   a step, now and then
-//   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "pictures"}}     a measure
+//   {"iteration", "seconds", "loss", "l1", "ssim", "normal", "primitives",
+//    "visible"}                                                             a step, now and then
+//   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "pictures"}}   a measure
 #pragma once
 
 #include <cstdint>
@@ -18,6 +19,7 @@ struct LoggedStep {
   double seconds = 0;  // of training, over all runs that go on from each other
   double loss = 0;     // running mean
   double l1 = 0, ssim = 0;
+  double normal = 0;  // L_n before its weight; 0 where it is off
   std::uint64_t primitives = 0, visible = 0;
 };
 

@@ -31,6 +31,31 @@ void add(SplatGradients& a, const SplatGradients& b) {
   a.weight += b.weight;
 }
 
+void add(math::Plane& a, const math::Plane& b) {
+  a.normal = math::vec3_add(a.normal, b.normal);
+  a.distance += b.distance;
+}
+
+math::Plane plane_at(const Image& d_surface, std::size_t p) {
+  return {{d_surface.plane(0)[p], d_surface.plane(1)[p], d_surface.plane(2)[p]},
+          d_surface.plane(3)[p]};
+}
+
+// out[s]: sum of splat s's entries, in their order.
+template <typename T>
+void sum_by_splat(const BlendBackwardScratch& scratch, const std::vector<T>& instances,
+                  std::size_t splats, std::vector<T>& out) {
+  out.resize(splats);
+  parallel_blocks(std::size_t{0}, splats, kBlock, [&](std::size_t first, std::size_t last) {
+    for (std::size_t s = first; s < last; ++s) {
+      T sum{};
+      for (std::uint32_t k = scratch.splat_begin[s]; k < scratch.splat_begin[s + 1]; ++k)
+        add(sum, instances[scratch.of_splat[k]]);
+      out[s] = sum;
+    }
+  });
+}
+
 // Lists each splat's entries of frame.instances, in ascending order.
 void list_by_splat(const SplatFrame& frame, BlendBackwardScratch& scratch) {
   auto& begin = scratch.splat_begin;
@@ -49,17 +74,21 @@ void blend_backward_tile_scalar(const TileBackward& t) {
   using namespace math;
   const raster::PixelBox box = raster::tile_pixels(t.frame, t.tile);
   const std::uint32_t first = t.frame.tile_begin[t.tile];
-  std::fill_n(t.out, t.frame.tile_begin[t.tile + 1] - first, SplatGradients{});
+  const std::uint32_t count = t.frame.tile_begin[t.tile + 1] - first;
+  std::fill_n(t.out, count, SplatGradients{});
+  if (t.planes) std::fill_n(t.plane_out, count, Plane{});
   for (int y = box.y0; y < box.y1; ++y) {
     for (int x = box.x0; x < box.x1; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * t.frame.width + x;
       const Vec3 d = {t.d_colour.plane(0)[p], t.d_colour.plane(1)[p], t.d_colour.plane(2)[p]};
       const float error = t.error ? t.error->data[p] : 0.0f;
+      const Plane d_plane = t.planes ? plane_at(t.planes->d_surface, p) : Plane{};
       float transmittance = t.forward.transmittance.data[p];
       // dL/dcolour . (what is seen behind the splat).
       float behind = dot3(d, t.settings.background);
       for (std::uint32_t k = t.forward.last[p]; k-- > 0;) {
-        const Splat& s = t.frame.splats[t.frame.instances[first + k]];
+        const std::uint32_t index = t.frame.instances[first + k];
+        const Splat& s = t.frame.splats[index];
         const float dx = static_cast<float>(x) + 0.5f - s.mean.x;
         const float dy = static_cast<float>(y) + 0.5f - s.mean.y;
         const float power = splat_power(s.conic, dx, dy);
@@ -67,7 +96,12 @@ void blend_backward_tile_scalar(const TileBackward& t) {
         if (alpha == 0.0f) continue;
         transmittance /= 1.0f - alpha;
         const float weight = alpha * transmittance;
-        const float own = dot3(d, s.colour);
+        float own = dot3(d, s.colour);
+        if (t.planes) {
+          const Plane& plane = t.planes->planes[index];
+          own += dot3(d_plane.normal, plane.normal) + d_plane.distance * plane.distance;
+          add(t.plane_out[k], {vec3_scale(d_plane.normal, weight), d_plane.distance * weight});
+        }
         const AlphaGrad by = splat_alpha_grad(s.opacity, power, transmittance * (own - behind));
         const PowerGrad g = splat_power_grad(s.conic, dx, dy, by.power);
         behind += alpha * (own - behind);
@@ -85,23 +119,19 @@ void blend_backward_tile_scalar(const TileBackward& t) {
 
 void blend_backward(const SplatFrame& frame, const RasterSettings& settings,
                     const RasterOutput& forward, const Image& d_colour, const Image* error,
-                    BlendBackwardScratch& scratch, std::vector<SplatGradients>& out) {
+                    BlendBackwardScratch& scratch, std::vector<SplatGradients>& out,
+                    const PlanesBackward* planes) {
   scratch.instances.resize(frame.instances.size());
+  if (planes) scratch.plane_instances.resize(frame.instances.size());
   const auto backward = settings.scalar ? blend_backward_tile_scalar : blend_backward_tile_vector;
   parallel_for(0, frame.tiles_x * frame.tiles_y, [&](int tile) {
-    SplatGradients* entries = scratch.instances.data() + frame.tile_begin[tile];
-    backward({frame, settings, forward, d_colour, error, tile, entries});
+    const std::size_t first = frame.tile_begin[tile];
+    backward({frame, settings, forward, d_colour, error, tile, scratch.instances.data() + first,
+              planes, planes ? scratch.plane_instances.data() + first : nullptr});
   });
   list_by_splat(frame, scratch);
-  out.resize(frame.splats.size());
-  parallel_blocks(std::size_t{0}, out.size(), kBlock, [&](std::size_t first, std::size_t last) {
-    for (std::size_t s = first; s < last; ++s) {
-      SplatGradients sum{};
-      for (std::uint32_t k = scratch.splat_begin[s]; k < scratch.splat_begin[s + 1]; ++k)
-        add(sum, scratch.instances[scratch.of_splat[k]]);
-      out[s] = sum;
-    }
-  });
+  sum_by_splat(scratch, scratch.instances, frame.splats.size(), out);
+  if (planes) sum_by_splat(scratch, scratch.plane_instances, frame.splats.size(), planes->d_planes);
 }
 
 }  // namespace stgs::encoder::cpu

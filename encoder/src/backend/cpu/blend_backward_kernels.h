@@ -13,7 +13,9 @@ struct TileBackward {
   const Image& d_colour;
   const Image* error;  // may be null
   int tile;
-  SplatGradients* out;  // the entries of the tile's list; all are written
+  SplatGradients* out;           // the entries of the tile's list; all are written
+  const PlanesBackward* planes;  // may be null
+  math::Plane* plane_out;        // like `out`, where there are planes
 };
 
 void blend_backward_tile_scalar(const TileBackward& t);

@@ -34,6 +34,7 @@ struct Tile {
   HWY_ALIGN float green[kPixels];
   HWY_ALIGN float blue[kPixels];
   HWY_ALIGN float error[kPixels];
+  HWY_ALIGN float surface[4][kPixels];  // dL/d(blended normal, distance); only where planes are
   HWY_ALIGN std::int32_t last[kPixels];
   int row_last[kTileSize];  // the largest `last` of each row
   int longest = 0;          // and of the tile
@@ -64,6 +65,16 @@ void load_tile(const TileBackward& t, const raster::PixelBox& box, Tile& tile) {
   }
 }
 
+void load_surface(const TileBackward& t, const raster::PixelBox& box, Tile& tile) {
+  for (int c = 0; c < 4; ++c) {
+    std::fill_n(tile.surface[c], kPixels, 0.0f);
+    const float* plane = t.planes->d_surface.plane(c);
+    for (int y = box.y0; y < box.y1; ++y)
+      std::copy_n(plane + static_cast<std::size_t>(y) * t.frame.width + box.x0, box.x1 - box.x0,
+                  tile.surface[c] + (y - box.y0) * kTileSize);
+  }
+}
+
 // What is summed over a splat's pixels. With g = dL/dpower and d = (x,y) the offset from the mean:
 enum Sum {
   kRed,
@@ -82,12 +93,20 @@ enum Sum {
   kAbsY,
   kUnused2,
   kUnused3,
+  kColourSums,
+  kNormalX = kColourSums,  // planes alone, as the next
+  kNormalY,
+  kNormalZ,
+  kDistance,
   kSums
 };
 
 // Sums over the rows of one vector of columns; those by x follow from them at the end.
 struct RowSums {
   RowVec red, green, blue, weight, g, gy, gyy, error, abs_x, abs_y;
+};
+struct SurfaceSums {
+  RowVec normal_x, normal_y, normal_z, distance;
 };
 
 // a / b within 3e-7 of itself.
@@ -100,9 +119,26 @@ HWY_INLINE RowVec divide(RowVec a, RowVec b) {
 #endif
 }
 
-// Adds what row y of splat k gives, and takes the splat off the row's pixels.
-HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, int k, int y, int at,
-                             Tile& tile, RowSums& sum) {
+// Adds what a plane gives with these weights; returns its dL/dweight.
+HWY_INLINE RowVec surface_backward(const math::Plane& plane, RowVec weight, int at,
+                                   const Tile& tile, SurfaceSums& sum) {
+  const Row d;
+  const RowVec x = hn::Load(d, tile.surface[0] + at), y = hn::Load(d, tile.surface[1] + at);
+  const RowVec z = hn::Load(d, tile.surface[2] + at), distance = hn::Load(d, tile.surface[3] + at);
+  sum.normal_x = hn::MulAdd(weight, x, sum.normal_x);
+  sum.normal_y = hn::MulAdd(weight, y, sum.normal_y);
+  sum.normal_z = hn::MulAdd(weight, z, sum.normal_z);
+  sum.distance = hn::MulAdd(weight, distance, sum.distance);
+  const RowVec own =
+      hn::MulAdd(z, hn::Set(d, plane.normal.z), hn::Mul(distance, hn::Set(d, plane.distance)));
+  return hn::MulAdd(x, hn::Set(d, plane.normal.x), hn::MulAdd(y, hn::Set(d, plane.normal.y), own));
+}
+
+// Adds what row y of splat k gives, and takes the splat off the row's pixels. `plane`: the splat's,
+// or null.
+template <bool kPlanes>
+HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, const math::Plane* plane,
+                             int k, int y, int at, Tile& tile, RowSums& sum, SurfaceSums& surface) {
   const Row d;
   const IntRow di;
   const RowVec dy = simd::row_offset(r, y);
@@ -120,9 +156,10 @@ HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, int k, int
   const RowVec red = hn::Load(d, tile.red + at);
   const RowVec green = hn::Load(d, tile.green + at);
   const RowVec blue = hn::Load(d, tile.blue + at);
-  const RowVec own =
+  RowVec own =
       hn::MulAdd(red, hn::Set(d, s.colour.x),
                  hn::MulAdd(green, hn::Set(d, s.colour.y), hn::Mul(blue, hn::Set(d, s.colour.z))));
+  if constexpr (kPlanes) own = hn::Add(own, surface_backward(*plane, weight, at, tile, surface));
   const RowVec behind = hn::Load(d, tile.behind + at);
   const RowVec gain = hn::Sub(own, behind);
   hn::Store(transmittance, d, tile.transmittance + at);
@@ -192,7 +229,8 @@ SplatGradients gradients_of(const Splat& s, const float* sums) {
   return g;
 }
 
-void backward_tile(const TileBackward& t) {
+template <bool kPlanes>
+void backward_planes_or_not(const TileBackward& t) {
   const Row d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const raster::PixelBox box = raster::tile_pixels(t.frame, t.tile);
@@ -201,24 +239,38 @@ void backward_tile(const TileBackward& t) {
   const std::uint32_t* list = t.frame.instances.data() + first;
   Tile tile;
   load_tile(t, box, tile);
+  if constexpr (kPlanes) load_surface(t, box, tile);
   std::fill(t.out + tile.longest, t.out + count, SplatGradients{});
+  if constexpr (kPlanes) std::fill(t.plane_out + tile.longest, t.plane_out + count, math::Plane{});
   for (int k = tile.longest; k-- > 0;) {
     const Splat& s = t.frame.splats[list[k]];
     simd::prefetch(t.frame, list, k - kAhead, count);
     const raster::PixelBox covered = raster::covered_pixels(s, box);
-    HWY_ALIGN float sums[kSums] = {};
+    const math::Plane* plane = kPlanes ? &t.planes->planes[list[k]] : nullptr;
+    HWY_ALIGN float sums[kPlanes ? kSums : kColourSums] = {};
     for (int x = (covered.x0 - box.x0) / lanes * lanes; x < covered.x1 - box.x0; x += lanes) {
       const simd::RowSplat r = simd::row_splat(s, box.x0 + x);
       const RowVec zero = hn::Zero(d);
       RowSums sum{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
+      SurfaceSums surface{zero, zero, zero, zero};
       for (int y = covered.y0; y < covered.y1; ++y) {
         const int row = y - box.y0;
-        if (k < tile.row_last[row]) row_backward(r, s, k, y, row * kTileSize + x, tile, sum);
+        if (k < tile.row_last[row])
+          row_backward<kPlanes>(r, s, plane, k, y, row * kTileSize + x, tile, sum, surface);
       }
       add_columns(sum, r.dx, sums);
+      if constexpr (kPlanes)
+        add_lanes(surface.normal_x, surface.normal_y, surface.normal_z, surface.distance,
+                  sums + kNormalX);
     }
     t.out[k] = gradients_of(s, sums);
+    if constexpr (kPlanes)
+      t.plane_out[k] = {{sums[kNormalX], sums[kNormalY], sums[kNormalZ]}, sums[kDistance]};
   }
+}
+
+void backward_tile(const TileBackward& t) {
+  t.planes != nullptr ? backward_planes_or_not<true>(t) : backward_planes_or_not<false>(t);
 }
 
 }  // namespace

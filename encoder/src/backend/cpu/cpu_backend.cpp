@@ -9,6 +9,7 @@
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
 #include "backend/cpu/regularisers.h"
+#include "backend/cpu/surface.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
@@ -16,6 +17,7 @@
 #include "train/colour_correction.h"
 #include "train/coupled_state.h"
 #include "train/image_loss.h"
+#include "train/normal_loss.h"
 
 namespace stgs::encoder {
 namespace {
@@ -39,6 +41,7 @@ class CpuBackend final : public TrainBackend {
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
 
  private:
+  double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
   void update_one(const StepInput& input, std::size_t splat);
   void gather(const StepInput& input, std::size_t splat);
@@ -53,7 +56,20 @@ class CpuBackend final : public TrainBackend {
   std::vector<cpu::SplatGradients> splat_gradients_;
   cpu::BlendBackwardScratch scratch_;
   cpu::PrimitiveGradients gradients_;
+  // Where L_n is on.
+  NormalLoss normal_loss_;
+  RasterOutput surface_;
+  Image d_surface_;
+  std::vector<math::Plane> planes_, d_planes_;
 };
+
+// L_n, d_surface_ with it.
+double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings& settings) {
+  cpu::find_planes(state_->set, input.ticks, input.camera, frame_, planes_);
+  cpu::blend_planes(settings, frame_, planes_, surface_);
+  return normal_loss_.evaluate(surface_, *input.truth, input.camera, input.weight_normal,
+                               d_surface_);
+}
 
 Status CpuBackend::step(const StepInput& input) {
   RasterSettings settings;
@@ -68,16 +84,24 @@ Status CpuBackend::step(const StepInput& input) {
       loss_.evaluate(shown_, *input.truth, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
   const ColourMap d_map =
       colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
-  cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_);
+  const bool normals = input.weight_normal > 0.0f;
+  StepOutput out;
+  if (normals) out.normal = evaluate_normals(input, settings);
+  const cpu::PlanesBackward planes{planes_, d_surface_, d_planes_};
+  cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_,
+                      normals ? &planes : nullptr);
   gradients_.with_covariance = state_->is_coupled();
   cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,
                         gradients_);
+  if (normals) {
+    cpu::planes_backward(state_->set, input.ticks, input.camera, frame_, d_planes_, gradients_);
+  }
   // With f = 1 the effective velocity is the learnt one.
   if (input.modulated) {
     cpu::modulation_backward(state_->set, state_->velocity, frame_, gradients_);
   }
-  StepOutput out;
-  out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input);
+  out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input) +
+             input.weight_normal * out.normal;
   out.l1 = value.l1;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();

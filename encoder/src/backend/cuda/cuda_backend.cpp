@@ -18,7 +18,7 @@ constexpr double kMemory = 0.999;
 constexpr double kPictureShare = 0.85;
 
 StepOutput output_of(const StepRecord& record) {
-  return {record.loss, record.l1, record.ssim, record.visible};
+  return {record.loss, record.l1, record.ssim, 0.0, record.visible};
 }
 
 Status device_problem(const char* text) {
@@ -56,6 +56,9 @@ Status CudaBackend::create() {
 Status CudaBackend::reserve(const TrainPlan& plan) {
   if (plan.coupled) {
     return unsupported("the ablation 'representation' does not train with CUDA; use --backend cpu");
+  }
+  if (plan.normals) {
+    return unsupported("weight_normal > 0 does not train with CUDA yet; use --backend cpu");
   }
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
