@@ -54,6 +54,7 @@ class TrainOptions {
   std::string preset_ = "default", resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
+  std::string perceptual_weights_;
   int held_out_ = encoder::TrainSettings{}.held_out_measures;
   double max_seconds_ = 0;
   std::vector<std::string> overrides_;

@@ -45,6 +45,9 @@ void TrainOptions::declare(CLI::App& app) {
   app.add_option("--set", overrides_, "KEY=VALUE of a hyper-parameter; may be repeated")
       ->allow_extra_args(false)
       ->group(group);
+  app.add_option("--perceptual-weights", perceptual_weights_,
+                 "Safetensors file with VGG16's weights, for the perceptual loss; else it is off")
+      ->group(group);
   app.add_option("--log", log_, "File for JSON lines: steps, and held-out measures")->group(group);
   app.add_option("--report", report_,
                  "Folder for a page with curves, test renders and statistics (index.html)")
@@ -74,6 +77,9 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   settings.checkpoint_interval = checkpoint_interval_;
   settings.log_path = log_;
   settings.held_out_measures = held_out_;
+  settings.perceptual_weights = perceptual_weights_;
+  if (!perceptual_weights_.empty())
+    STGS_TRY(encoder::check_perceptual(perceptual_weights_, common.backend));
   std::vector<std::string> names;
   for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
   for (const std::string& text : overrides_) {
@@ -105,6 +111,13 @@ Json to_json(const encoder::HeldOutScore& score) {
   return {{"psnr", score.psnr}, {"psnr_cc", score.psnr_cc}, {"pictures", score.pictures}};
 }
 
+Json to_json(const encoder::PerceptualReport& perceptual) {
+  return {{"weights", perceptual.weights},
+          {"linear", perceptual.linear},
+          {"weight", perceptual.weight},
+          {"patch", perceptual.patch}};
+}
+
 }  // namespace
 
 Json to_json(const encoder::TrainReport& report) {
@@ -112,7 +125,8 @@ Json to_json(const encoder::TrainReport& report) {
           {"seconds", report.seconds},
           {"primitives", report.primitives},
           {"final_loss", report.final_loss},
-          {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)}};
+          {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)},
+          {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)}};
 }
 
 Status train_to_file(const std::string& folder, const std::string& output,

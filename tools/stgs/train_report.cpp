@@ -42,6 +42,13 @@ Rows machine(const encoder::TrainReport& report) {
           {"program", "stgs " STGS_VERSION}};
 }
 
+std::string perceptual(const encoder::TrainReport& report) {
+  if (!report.perceptual) return "off";
+  return fmt::format("{}, weights of {}",
+                     report.perceptual->linear ? "LPIPS (vgg)" : "VGG16, uniform channel weights",
+                     report.perceptual->weights);
+}
+
 Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
   const encoder::TrainReport& report = input.report;
   Rows rows = {{"scene", input.output},
@@ -55,6 +62,7 @@ Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
                 fmt::format("{:.1f} %: they live over the whole clip and move by at most {:.3g} "
                             "scene units over it",
                             100 * statistics.static_share(), statistics.static_bound)},
+               {"perceptual loss", perceptual(report)},
                {"peak memory", human_bytes(report.peak_memory)}};
   if (report.held_out) {
     rows.emplace_back(
@@ -66,18 +74,19 @@ Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
 }
 
 // Every curve twice: by iteration and by second.
-void add_curves(const encoder::TrainingLog& log, encoder::ReportPage& page) {
+void add_curves(const encoder::TrainingLog& log, bool with_perceptual, encoder::ReportPage& page) {
   for (const bool by_time : {false, true}) {
     const std::string x_label = by_time ? "seconds" : "iteration";
     const auto x = [by_time](const auto& line) {
       return by_time ? line.seconds : static_cast<double>(line.iteration);
     };
-    encoder::ChartSeries loss, primitives, psnr, psnr_cc;
+    encoder::ChartSeries loss, primitives, perceptual, psnr, psnr_cc;
     psnr.name = "psnr";
     psnr_cc.name = "psnr_cc";
     for (const encoder::LoggedStep& step : log.steps) {
       loss.points.emplace_back(x(step), step.loss);
       primitives.points.emplace_back(x(step), static_cast<double>(step.primitives));
+      perceptual.points.emplace_back(x(step), step.perceptual);
     }
     for (const encoder::LoggedMeasure& measure : log.measures) {
       psnr.points.emplace_back(x(measure), measure.score.psnr);
@@ -86,6 +95,7 @@ void add_curves(const encoder::TrainingLog& log, encoder::ReportPage& page) {
     page.chart({"Loss, running mean", x_label, {loss}});
     page.chart({"Held-out PSNR, dB", x_label, {psnr, psnr_cc}});
     page.chart({"Primitives", x_label, {primitives}});
+    if (with_perceptual) page.chart({"Perceptual loss", x_label, {perceptual}});
   }
 }
 
@@ -135,7 +145,7 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   page.code(session.command);
   page.table(outcome(input, statistics));
   page.heading("Training");
-  add_curves(log, page);
+  add_curves(log, input.report.perceptual.has_value(), page);
   STGS_TRY(add_renders(folder, input, page));
   page.heading("Lifespans and motion");
   page.paragraph(fmt::format(

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "perceptual/patch.h"
+#include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
@@ -31,13 +33,16 @@ struct StepInput {
   float rate_colour = 0;
   float weight_l1 = 0, weight_ssim = 0;
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
-  float weight_normal = 0;  // 0: L_n is off, and costs nothing
+  float weight_normal = 0;      // 0: L_n is off, and costs nothing
+  float weight_perceptual = 0;  // > 0 only where the plan has a network
+  Patch patch;                  // what the perceptual loss looks at
 };
 
 struct StepOutput {
   double loss = 0;          // L_recon + L_reg
   double l1 = 0, ssim = 0;  // means over the picture
   double normal = 0;        // L_n before its weight; 0 where it is off
+  double perceptual = 0;    // L_lpips of the patch before its weight; 0 where it is off
   std::size_t visible = 0;  // primitives drawn
 };
 
@@ -55,12 +60,16 @@ struct TrainPlan {
   int width = 0, height = 0;  // of the largest picture
   bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
   bool normals = false;       // some steps have L_n on
+  std::shared_ptr<const Vgg16> perceptual = nullptr;  // of the perceptual loss; null: there is none
+  int perceptual_patch = 0;  // pixels a side of its patches; 0: whole pictures
 };
 
 // One thread calls it; it uses many. The state is the backend's between begin and synchronise.
 class TrainBackend {
  public:
   virtual ~TrainBackend() = default;
+  // Whether steps can have a perceptual loss here; else what to do.
+  virtual Status check_perceptual() const = 0;
   // Refuses a run that does not fit in memory, and what it cannot train: what it needs, what there
   // is, what to do.
   virtual Status reserve(const TrainPlan& plan) = 0;

@@ -15,6 +15,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("max_primitives", p.max_primitives);
   visit("weight_l1", p.weight_l1);
   visit("weight_ssim", p.weight_ssim);
+  visit("weight_perceptual", p.weight_perceptual);
   visit("weight_lifespan", p.weight_lifespan);
   visit("weight_opacity", p.weight_opacity);
   visit("weight_scale", p.weight_scale);
@@ -43,6 +44,8 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("opacity_resets", p.opacity_resets);
   visit("plain_until", p.plain_until);
   visit("plain_reset", p.plain_reset);
+  visit("perceptual_from", p.perceptual_from);
+  visit("perceptual_patch", p.perceptual_patch);
   visit("clone_gradient", p.clone_gradient);
   visit("split_gradient", p.split_gradient);
   visit("split_scale", p.split_scale);

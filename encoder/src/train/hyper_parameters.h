@@ -19,10 +19,11 @@ struct HyperParameters {
   // Loss weights (paper 3.4; the w of L_reg are not given there).
   double weight_l1 = 0.8;
   double weight_ssim = 0.2;
-  double weight_lifespan = 1e-3;  // L_t
-  double weight_opacity = 1e-2;   // L_opacity, second stage only
-  double weight_scale = 1e-2;     // L_scale, divided by the scene's radius
-  double weight_normal = 0.0;     // L_n, normals against depth; 0: off
+  double weight_lifespan = 1e-3;    // L_t
+  double weight_opacity = 1e-2;     // L_opacity, second stage only
+  double weight_scale = 1e-2;       // L_scale, divided by the scene's radius
+  double weight_normal = 0.0;       // L_n, normals against depth; 0: off
+  double weight_perceptual = 0.01;  // L_lpips, where there are weights for the network
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
   double lr_position = 1.6e-4;
@@ -51,6 +52,10 @@ struct HyperParameters {
   int opacity_resets = 0;       // spread evenly over the first stage
   double plain_until = 0.5;     // growth where the densification is ablated (3DGS, 4DGS)
   double plain_reset = 0.1;     // opacity resets there, one each such share (3DGS, 4DGS)
+
+  // The perceptual loss.
+  double perceptual_from = 0.0;  // share of the iterations
+  int perceptual_patch = 256;    // pixels a side that it looks at in a step; 0: the whole picture
 
   // Densification. Gradients are of the loss by image position, in half image widths.
   double clone_gradient = 2e-4;

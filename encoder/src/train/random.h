@@ -10,7 +10,7 @@
 
 namespace stgs::encoder {
 
-enum class RandomPurpose : std::uint64_t { kInitial = 1, kViews = 2, kDensify = 3 };
+enum class RandomPurpose : std::uint64_t { kInitial = 1, kViews = 2, kDensify = 3, kPatch = 4 };
 
 class Random {
  public:

@@ -65,7 +65,10 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   }
   STGS_ASSIGN(trainer->ablation_, Ablation::from_names(settings.ablate));
   STGS_ASSIGN(trainer->backend_, make_backend(settings.backend));
+  STGS_ASSIGN(trainer->perceptual_,
+              PerceptualTerm::create(settings, p, *trainer->backend_, trainer->log_));
   STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
+  STGS_TRY(trainer->perceptual_.check_sizes(trainer->images_));
   STGS_TRY(trainer->prepare_state());
   STGS_TRY(trainer->prepare_backend());
   if (!settings.log_path.empty()) {
@@ -108,6 +111,7 @@ Status Trainer::prepare_backend() {
   if (parameters_.weight_normal > 0 && !with_normals()) {
     log_(1, "L_n (weight_normal) is off: the coupled representation has no axes of its own");
   }
+  perceptual_.plan(plan);
   log_(2, fmt::format("training on {}", backend_->name()));
   return backend_->reserve(plan);
 }
@@ -117,6 +121,7 @@ std::string Trainer::fingerprint() const {
   for (const auto& [name, value] : list_hyper_parameters(parameters_)) json[name] = value;
   json["seed"] = settings_.seed;
   json["ablate"] = settings_.ablate;
+  json["perceptual"] = perceptual_.fingerprint();
   json["frames"] = capture_.frames;
   json["first_frame"] = capture_.first_frame;
   json["source"] = capture_.source;
@@ -191,6 +196,7 @@ StepInput Trainer::step_input() {
   input.weight_scale = static_cast<float>(p.weight_scale / capture_.scene_radius);
   if (with_normals() && done >= p.normal_from)
     input.weight_normal = static_cast<float>(p.weight_normal);
+  perceptual_.apply(settings_.seed, state_.iteration, done, input);
   return input;
 }
 
@@ -261,7 +267,8 @@ bool Trainer::log_due() const {
 
 void Trainer::write_log() {
   log_file_.write(LoggedStep{state_.iteration, state_.seconds, state_.mean_loss, last_.l1,
-                             last_.ssim, last_.normal, backend_->size(), last_.visible});
+                             last_.ssim, last_.normal, last_.perceptual, backend_->size(),
+                             last_.visible});
 }
 
 int Trainer::measures_due() const {
@@ -340,6 +347,7 @@ TrainReport Trainer::report() const {
   report.peak_memory = peak_memory_bytes();
   report.held_out = score_;
   report.backend = backend_->name();
+  report.perceptual = perceptual_.report();
   report.parameters = list_hyper_parameters(parameters_);
   return report;
 }

@@ -13,6 +13,7 @@
 #include "train/hyper_parameters.h"
 #include "train/initial_state.h"
 #include "train/log_writer.h"
+#include "train/perceptual_term.h"
 #include "train/training_images.h"
 
 namespace stgs::encoder {
@@ -62,6 +63,7 @@ class Trainer {
   TrainSettings settings_;
   HyperParameters parameters_;
   Ablation ablation_;
+  PerceptualTerm perceptual_;
   ProgressSink progress_;
   LogSink log_;
   TrainingImages images_;

@@ -21,6 +21,7 @@ Json to_json(const LoggedStep& step) {
           {"l1", step.l1},
           {"ssim", step.ssim},
           {"normal", step.normal},
+          {"perceptual", step.perceptual},
           {"primitives", step.primitives},
           {"visible", step.visible}};
 }
@@ -44,10 +45,10 @@ void add_line(const Json& json, TrainingLog& log) {
     log.measures.push_back({iteration, seconds, score});
     return;
   }
-  log.steps.push_back({iteration, seconds, json.at("loss").get<double>(),
-                       json.at("l1").get<double>(), json.at("ssim").get<double>(),
-                       json.value("normal", 0.0), json.at("primitives").get<std::uint64_t>(),
-                       json.at("visible").get<std::uint64_t>()});
+  log.steps.push_back(
+      {iteration, seconds, json.at("loss").get<double>(), json.at("l1").get<double>(),
+       json.at("ssim").get<double>(), json.value("normal", 0.0), json.value("perceptual", 0.0),
+       json.at("primitives").get<std::uint64_t>(), json.at("visible").get<std::uint64_t>()});
 }
 
 Result<std::string> read_text(const std::string& path) {

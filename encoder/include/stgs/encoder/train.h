@@ -31,6 +31,17 @@ struct TrainSettings {
   // How often in a run, evenly, a few pictures of the test cameras are measured; 0: never. The
   // scene does not depend on it, and the time that it takes is not training time.
   int held_out_measures = 5;
+  // Safetensors file with VGG16's weights, and LPIPS's linear layers where there are any, for the
+  // perceptual loss; "": there is none. README.md says how to make one.
+  std::string perceptual_weights;
+};
+
+// A perceptual loss that was on.
+struct PerceptualReport {
+  std::string weights;  // the file
+  bool linear = false;  // LPIPS proper, with the linear layers of the file
+  double weight = 0;    // of the term
+  int patch = 0;        // pixels a side of what a step looks at; 0: the whole picture
 };
 
 struct TrainReport {
@@ -41,6 +52,7 @@ struct TrainReport {
   std::uint64_t peak_memory = 0;                                // bytes, resident
   std::optional<HeldOutScore> held_out;                         // the last measure
   std::string backend;                                          // what trained
+  std::optional<PerceptualReport> perceptual;                   // none: it was off
   std::vector<std::pair<std::string, std::string>> parameters;  // all, as used
 };
 
@@ -52,6 +64,9 @@ Result<Scene> train(const PreparedCapture& capture, const TrainSettings& setting
 std::vector<std::string> train_backends();
 // Whether this build and machine have the backend of TrainSettings::backend; else what to do.
 Status check_train_backend(const std::string& backend);
+
+// Whether such a file of weights can be used with the backend here; else what to do.
+Status check_perceptual(const std::string& weights, const std::string& backend);
 
 // The parts of the paper's method that TrainSettings::ablate leaves out.
 std::vector<std::string> ablation_names();

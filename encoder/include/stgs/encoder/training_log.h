@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The log of a training: a JSON object a line (tools/schema/training_log.json), of two kinds:
-//   {"iteration", "seconds", "loss", "l1", "ssim", "normal", "primitives",
+//   {"iteration", "seconds", "loss", "l1", "ssim", "normal", "perceptual", "primitives",
 //    "visible"}                                                             a step, now and then
 //   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "pictures"}}   a measure
 #pragma once
@@ -19,7 +19,8 @@ struct LoggedStep {
   double seconds = 0;  // of training, over all runs that go on from each other
   double loss = 0;     // running mean
   double l1 = 0, ssim = 0;
-  double normal = 0;  // L_n before its weight; 0 where it is off
+  double normal = 0;      // L_n before its weight; 0 where it is off
+  double perceptual = 0;  // L_lpips before its weight; 0 where it is off
   std::uint64_t primitives = 0, visible = 0;
 };
 

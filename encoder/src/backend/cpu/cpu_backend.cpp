@@ -10,6 +10,7 @@
 #include "backend/cpu/project_backward.h"
 #include "backend/cpu/regularisers.h"
 #include "backend/cpu/surface.h"
+#include "perceptual/perceptual_loss.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
@@ -26,7 +27,11 @@ constexpr std::size_t kBlock = 512;  // primitives updated together
 
 class CpuBackend final : public TrainBackend {
  public:
-  Status reserve(const TrainPlan&) override { return {}; }
+  Status check_perceptual() const override { return {}; }
+  Status reserve(const TrainPlan& plan) override {
+    perceptual_ = plan.perceptual ? std::make_unique<PerceptualLoss>(*plan.perceptual) : nullptr;
+    return {};
+  }
   Status begin(TrainState& state) override {
     state_ = &state;
     return {};
@@ -53,6 +58,7 @@ class CpuBackend final : public TrainBackend {
   RasterOutput output_;
   Image shown_, d_shown_, error_;
   ImageLoss loss_;
+  std::unique_ptr<PerceptualLoss> perceptual_;
   std::vector<cpu::SplatGradients> splat_gradients_;
   cpu::BlendBackwardScratch scratch_;
   cpu::PrimitiveGradients gradients_;
@@ -82,10 +88,14 @@ Status CpuBackend::step(const StepInput& input) {
   apply_colour(state_->colour[input.colour_index], output_.colour, shown_);
   const ImageLossValue value =
       loss_.evaluate(shown_, *input.truth, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
+  StepOutput out;
+  if (input.weight_perceptual > 0) {
+    out.perceptual =
+        perceptual_->evaluate(shown_, *input.truth, input.patch, input.weight_perceptual, d_shown_);
+  }
   const ColourMap d_map =
       colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
   const bool normals = input.weight_normal > 0.0f;
-  StepOutput out;
   if (normals) out.normal = evaluate_normals(input, settings);
   const cpu::PlanesBackward planes{planes_, d_surface_, d_planes_};
   cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_,
@@ -101,7 +111,7 @@ Status CpuBackend::step(const StepInput& input) {
     cpu::modulation_backward(state_->set, state_->velocity, frame_, gradients_);
   }
   out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input) +
-             input.weight_normal * out.normal;
+             input.weight_normal * out.normal + input.weight_perceptual * out.perceptual;
   out.l1 = value.l1;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();

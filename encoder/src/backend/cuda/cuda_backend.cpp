@@ -18,7 +18,12 @@ constexpr double kMemory = 0.999;
 constexpr double kPictureShare = 0.85;
 
 StepOutput output_of(const StepRecord& record) {
-  return {record.loss, record.l1, record.ssim, 0.0, record.visible};
+  StepOutput output;
+  output.loss = record.loss;
+  output.l1 = record.l1;
+  output.ssim = record.ssim;
+  output.visible = record.visible;
+  return output;
 }
 
 Status device_problem(const char* text) {
@@ -51,6 +56,10 @@ Status CudaBackend::create() {
   STGS_TRY(records_.ensure(kInFlight));
   for (Event& event : done_) STGS_TRY(event.create());
   return {};
+}
+
+Status CudaBackend::check_perceptual() const {
+  return not_built("the perceptual loss does not work with CUDA in this build; use --backend cpu");
 }
 
 Status CudaBackend::reserve(const TrainPlan& plan) {

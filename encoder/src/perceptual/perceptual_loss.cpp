@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "perceptual/perceptual_loss.h"
+
+#include <cmath>
+#include <utility>
+
+#include "stgs/format/parallel.h"
+
+namespace stgs::encoder {
+namespace {
+
+template <typename Visit>
+void for_rows(int rows, Visit visit) {
+  parallel_for(0, rows, [&visit](int y) { visit(y); });
+}
+
+// The patch as the network takes it; colour(x, y, c) in the picture, [0,1].
+template <typename Colour>
+void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
+  input.reshape(patch.width, patch.height, 3);
+  for_rows(patch.height, [&](int y) {
+    for (int x = 0; x < patch.width; ++x) {
+      float* to = input.pixel(x, y);
+      for (int c = 0; c < 3; ++c)
+        to[c] = (colour(patch.x + x, patch.y + y, c) - kVggMean[c]) / kVggDeviation[c];
+    }
+  });
+}
+
+void pool(const FeatureMap& in, FeatureMap& out) {
+  out.reshape(in.width / 2, in.height / 2, in.channels);
+  for_rows(out.height, [&](int y) {
+    for (int x = 0; x < out.width; ++x) {
+      const float* a = in.pixel(2 * x, 2 * y);
+      const float* b = in.pixel(2 * x, 2 * y + 1);
+      const int n = in.channels;
+      float* to = out.pixel(x, y);
+      for (int c = 0; c < n; ++c)
+        to[c] = std::max(std::max(a[c], a[c + n]), std::max(b[c], b[c + n]));
+    }
+  });
+}
+
+// dL/d(input of the pooling) from dL/d(its output): to the first of the largest, row by row.
+void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_in) {
+  d_in.reshape(in.width, in.height, in.channels);
+  const int n = in.channels;
+  for_rows(in.height, [&](int y) {
+    std::fill_n(d_in.pixel(0, y), static_cast<std::size_t>(in.width) * n, 0.0f);
+  });
+  for_rows(d_out.height, [&](int y) {
+    for (int x = 0; x < d_out.width; ++x) {
+      const float* from[4] = {in.pixel(2 * x, 2 * y), in.pixel(2 * x + 1, 2 * y),
+                              in.pixel(2 * x, 2 * y + 1), in.pixel(2 * x + 1, 2 * y + 1)};
+      float* to[4] = {d_in.pixel(2 * x, 2 * y), d_in.pixel(2 * x + 1, 2 * y),
+                      d_in.pixel(2 * x, 2 * y + 1), d_in.pixel(2 * x + 1, 2 * y + 1)};
+      const float* d = d_out.pixel(x, y);
+      for (int c = 0; c < n; ++c) {
+        int largest = 0;
+        for (int k = 1; k < 4; ++k) largest = from[k][c] > from[largest][c] ? k : largest;
+        to[largest][c] = d[c];
+      }
+    }
+  });
+}
+
+}  // namespace
+
+PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.channel_weights) {
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    const VggLayer& layer = kVggLayers[i];
+    const VggConvolution& convolution = network.convolutions[i];
+    forward_[i] = {convolution.weight, convolution.bias, layer.in, layer.out};
+    backward_[i] = Convolution3x3::backward(convolution.weight, layer.in, layer.out);
+  }
+}
+
+double PerceptualLoss::evaluate(const Image& shown, const Image8& truth, const Patch& patch,
+                                float weight, Image& d_shown) {
+  load(
+      patch,
+      [&truth](int x, int y, int c) {
+        const std::size_t pixel = std::size_t{1} * y * truth.width + x;
+        return static_cast<float>(truth.data[3 * pixel + c]) * (1.0f / 255.0f);
+      },
+      input_);
+  forward();
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], true_features_[tap]);
+  }
+  load(
+      patch,
+      [&shown](int x, int y, int c) {
+        return shown.plane(c)[std::size_t{1} * y * shown.width + x];
+      },
+      input_);
+  forward();
+
+  double loss = 0;
+  for (std::size_t i = kLayers; i-- > 0;) {
+    loss += tap_backward(i, weight);
+    backward_[i].apply(gradient_, false, next_gradient_);
+    if (!kVggLayers[i].pool_before) {
+      std::swap(gradient_, next_gradient_);
+    } else {
+      pool_backward(features_[i - 1], next_gradient_, gradient_);
+    }
+  }
+  add_gradient(patch, d_shown);
+  return loss;
+}
+
+void PerceptualLoss::forward() {
+  const FeatureMap* in = &input_;
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    if (kVggLayers[i].pool_before) {
+      pool(*in, pooled_[i]);
+      in = &pooled_[i];
+    }
+    forward_[i].apply(*in, true, features_[i]);
+    in = &features_[i];
+  }
+}
+
+// Makes gradient_ that by the layer's sums before ReLU: adds the tap's own, where it is one, and
+// cuts it where the ReLU does. The tap's share of the loss.
+double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
+  const FeatureMap& shown = features_[layer];
+  const int n = shown.channels, tap = kVggLayers[layer].tap;
+  if (layer + 1 == kLayers) {
+    gradient_.reshape(shown.width, shown.height, n);
+    for_rows(shown.height, [&](int y) {
+      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(shown.width) * n, 0.0f);
+    });
+  }
+  const auto pixels = static_cast<float>(shown.width) * static_cast<float>(shown.height);
+  row_sums_.assign(static_cast<std::size_t>(shown.height), 0.0);
+  for_rows(shown.height, [&](int y) {
+    for (int x = 0; x < shown.width; ++x) {
+      const float* f = shown.pixel(x, y);
+      float* gradient = gradient_.pixel(x, y);
+      if (tap >= 0) {
+        const float* g = true_features_[tap].pixel(x, y);
+        const float* w = channel_weights_[tap].data();
+        float square_f = kVggEpsilon, square_g = kVggEpsilon;
+        for (int c = 0; c < n; ++c) {
+          square_f += f[c] * f[c];
+          square_g += g[c] * g[c];
+        }
+        const float scale_f = 1.0f / std::sqrt(square_f), scale_g = 1.0f / std::sqrt(square_g);
+        // By a = f scale_f: da_k/df_c = (delta_kc - a_k a_c) scale_f.
+        float sum = 0.0f, along = 0.0f;
+        for (int c = 0; c < n; ++c) {
+          const float a = f[c] * scale_f, difference = a - g[c] * scale_g;
+          sum += w[c] * difference * difference;
+          along += w[c] * difference * a;
+        }
+        row_sums_[static_cast<std::size_t>(y)] += sum;
+        const float scale = 2.0f * weight / pixels * scale_f;
+        for (int c = 0; c < n; ++c) {
+          const float a = f[c] * scale_f, difference = a - g[c] * scale_g;
+          gradient[c] += scale * (w[c] * difference - along * a);
+        }
+      }
+      for (int c = 0; c < n; ++c) gradient[c] = f[c] > 0.0f ? gradient[c] : 0.0f;
+    }
+  });
+  double loss = 0;
+  for (const double sum : row_sums_) loss += sum;
+  return loss / pixels;
+}
+
+void PerceptualLoss::add_gradient(const Patch& patch, Image& d_shown) {
+  for_rows(patch.height, [&](int y) {
+    for (int x = 0; x < patch.width; ++x) {
+      const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_shown.width +
+                             static_cast<std::size_t>(patch.x + x);
+      for (int c = 0; c < 3; ++c)
+        d_shown.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
+    }
+  });
+}
+
+}  // namespace stgs::encoder

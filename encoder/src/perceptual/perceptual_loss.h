@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// The perceptual loss (paper 3.4, L_lpips) on the CPU: LPIPS (Zhang et al., CVPR 2018) with VGG16.
+//
+//   L = sum over taps of the mean over pixels of sum_c w_c (a_c - b_c)^2
+//
+// where a and b are the tap's features of the rendered and the true picture, each pixel's scaled to
+// length 1, and w are the network's channel weights.
+#pragma once
+
+#include <array>
+
+#include "perceptual/convolution.h"
+#include "perceptual/patch.h"
+#include "perceptual/vgg16.h"
+#include "stgs/encoder/prepared_capture.h"
+#include "stgs/format/raster.h"
+
+namespace stgs::encoder {
+
+// Added to a pixel's squared length of features before its root is taken.
+inline constexpr float kVggEpsilon = 1e-10f;
+
+// Keeps its working memory from call to call. Results do not depend on the number of threads. One
+// call at a time an object.
+class PerceptualLoss {
+ public:
+  explicit PerceptualLoss(const Vgg16& network);
+
+  // L of a patch, at least kVggSmallest pixels a side and within both pictures. `shown` has 3
+  // planes, nominally in [0,1]; weight dL/dshown is added to `d_shown`, which has its size.
+  double evaluate(const Image& shown, const Image8& truth, const Patch& patch, float weight,
+                  Image& d_shown);
+
+ private:
+  static constexpr std::size_t kLayers = kVggLayers.size();
+
+  void forward();
+  double tap_backward(std::size_t layer, float weight);
+  void add_gradient(const Patch& patch, Image& d_shown);
+
+  std::array<Convolution3x3, kLayers> forward_, backward_;
+  std::array<std::vector<float>, kVggTaps> channel_weights_;
+  FeatureMap input_;
+  std::array<FeatureMap, kLayers> features_;  // after ReLU
+  std::array<FeatureMap, kLayers> pooled_;    // what goes in, where a pooling comes before
+  std::array<FeatureMap, kVggTaps> true_features_;
+  FeatureMap gradient_, next_gradient_;  // dL by the features of a layer
+  std::vector<double> row_sums_;
+};
+
+}  // namespace stgs::encoder

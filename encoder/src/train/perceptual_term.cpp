@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/perceptual_term.h"
+
+#include <algorithm>
+
+#include "perceptual/patch.h"
+#include "train/random.h"
+
+namespace stgs::encoder {
+namespace {
+
+Result<std::shared_ptr<const Vgg16>> read_network(const std::string& path) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
+  return read_vgg16(std::move(source));
+}
+
+}  // namespace
+
+Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
+                                              const HyperParameters& parameters,
+                                              const TrainBackend& backend, const LogSink& log) {
+  PerceptualTerm term;
+  if (settings.perceptual_weights.empty()) {
+    log(2, "perceptual loss: off, for --perceptual-weights names no file");
+    return term;
+  }
+  if (parameters.weight_perceptual <= 0) {
+    log(2, "perceptual loss: off, for weight_perceptual is 0");
+    return term;
+  }
+  if (parameters.perceptual_patch > 0 && parameters.perceptual_patch < kVggSmallest) {
+    return usage_error("perceptual_patch must be 0, the whole picture, or at least {} pixels",
+                       kVggSmallest);
+  }
+  STGS_TRY(backend.check_perceptual());
+  STGS_ASSIGN(term.network_, read_network(settings.perceptual_weights));
+  term.file_ = settings.perceptual_weights;
+  term.weight_ = parameters.weight_perceptual;
+  term.from_ = parameters.perceptual_from;
+  term.patch_ = parameters.perceptual_patch;
+  term.half_sizes_ = parameters.coarse_until > 0;
+  log(2, fmt::format("perceptual loss: on, {}, weights of {}",
+                     term.network_->linear ? "LPIPS (vgg)"
+                                           : "VGG16 with uniform channel weights, for the file has "
+                                             "no linear layers of LPIPS",
+                     term.file_));
+  if (backend.name().rfind("cpu", 0) == 0) {
+    log(1, "perceptual loss: slow on a CPU; a smaller perceptual_patch, or perceptual_from, helps");
+  }
+  return term;
+}
+
+Status PerceptualTerm::check_sizes(const TrainingImages& images) const {
+  if (!on()) return {};
+  for (const Camera& camera : images.cameras()) {
+    const int shorter = std::min(camera.width, camera.height) / (half_sizes_ ? 2 : 1);
+    if (shorter >= kVggSmallest) continue;
+    return usage_error(
+        "camera '{}': pictures of {}x{}{} are too small for the perceptual loss, which needs {} "
+        "pixels a side: leave --perceptual-weights out",
+        camera.name, camera.width, camera.height, half_sizes_ ? ", halved at first," : "",
+        kVggSmallest);
+  }
+  return {};
+}
+
+void PerceptualTerm::plan(TrainPlan& plan) const {
+  plan.perceptual = network_;
+  plan.perceptual_patch = patch_;
+}
+
+void PerceptualTerm::apply(std::uint64_t seed, std::uint64_t iteration, double share,
+                           StepInput& input) const {
+  if (!on() || share < from_) return;
+  input.weight_perceptual = static_cast<float>(weight_);
+  Random random(seed, iteration, RandomPurpose::kPatch);
+  input.patch = random_patch(static_cast<int>(input.camera.width),
+                             static_cast<int>(input.camera.height), patch_, random);
+}
+
+std::string PerceptualTerm::fingerprint() const {
+  return on() ? fmt::format("{:016x}", network_->hash) : "off";
+}
+
+std::optional<PerceptualReport> PerceptualTerm::report() const {
+  if (!on()) return std::nullopt;
+  return PerceptualReport{file_, network_->linear, weight_, patch_};
+}
+
+Status check_perceptual(const std::string& weights, const std::string& backend) {
+  STGS_TRY(read_network(weights).status());
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> made, make_backend(backend));
+  return made->check_perceptual();
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training with a perceptual loss: the file of weights, what the run says of it, how it resumes."""
+import json
+import math
+import random
+import struct
+
+from harness import CliTest
+
+USAGE, IO, INVALID = 1, 2, 3
+LAYERS = [(3, 64, 0), (64, 64, 2), (64, 128, 5), (128, 128, 7), (128, 256, 10), (256, 256, 12),
+          (256, 256, 14), (256, 512, 17), (512, 512, 19), (512, 512, 21), (512, 512, 24),
+          (512, 512, 26), (512, 512, 28)]
+TAPS = [64, 128, 256, 512, 512]
+
+
+def weights(linear, seed=1):
+    """A safetensors file of a random VGG16, 16 bits a weight."""
+    source = random.Random(seed)
+    header, data = {}, []
+    size = 0
+
+    def add(name, shape, low, high):
+        nonlocal size
+        count = math.prod(shape)
+        few = b"".join(struct.pack("<e", source.uniform(low, high)) for _ in range(997))
+        data.append((few * (count // 997 + 1))[:2 * count])
+        header[name] = {"dtype": "F16", "shape": shape, "data_offsets": [size, size + 2 * count]}
+        size += 2 * count
+
+    for inputs, outputs, number in LAYERS:
+        scale = math.sqrt(6 / (9 * inputs))
+        add(f"features.{number}.weight", [outputs, inputs, 3, 3], -scale, scale)
+        add(f"features.{number}.bias", [outputs], -0.05, 0.05)
+    for tap, channels in enumerate(TAPS if linear else []):
+        add(f"lin{tap}.model.1.weight", [1, channels, 1, 1], 0, 1)
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + b"".join(data)
+
+
+class Perceptual(CliTest):
+    def train(self, *more):
+        return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast",
+                "--backend", "cpu", "--max-primitives", "100", "--iterations", "6", "--set",
+                "perceptual_patch=16", "--set", "coarse_until=0", "--held-out", "0", *more]
+
+    def test_without_a_file_it_is_off(self):
+        result = self.succeeds(*self.train("--log", "log.jsonl"))
+        self.assertIn(b"perceptual loss: off, for --perceptual-weights names no file",
+                      result.stderr)
+        self.assertEqual(json.loads(self.read("log.jsonl").splitlines()[-1])["perceptual"], 0)
+        self.assertIsNone(self.json_of(*self.train())["perceptual"])
+        scene = self.read("out.stgs")
+        self.write("w.safetensors", weights(False))
+        off = self.train("--perceptual-weights", "w.safetensors", "--set", "weight_perceptual=0")
+        result = self.succeeds(*off)
+        self.assertIn(b"perceptual loss: off, for weight_perceptual is 0", result.stderr)
+        self.assertEqual(self.read("out.stgs"), scene)
+
+    def test_with_a_file_it_is_on(self):
+        self.succeeds(*self.train())
+        scene = self.read("out.stgs")
+        for linear, text in ((True, b"on, LPIPS (vgg), weights of w.safetensors"),
+                             (False, b"uniform channel weights, for the file has no linear")):
+            with self.subTest(linear=linear):
+                self.write("w.safetensors", weights(linear))
+                args = self.train("--perceptual-weights", "w.safetensors")
+                result = self.succeeds(*args, "--log", "log.jsonl", "--report", "page")
+                self.assertIn(text, result.stderr)
+                self.assertIn(b"slow on a CPU", result.stderr)
+                self.assertIn(b"Perceptual loss", self.read("page/index.html"))
+                steps = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
+                for step in steps:
+                    self.check_schema("training_log", step)
+                    self.assertGreater(step["perceptual"], 0)
+                trained = self.read("out.stgs")
+                self.assertNotEqual(trained, scene)
+                report = self.json_of(*args, "--threads", "1")
+                self.assertEqual(report["perceptual"], {"weights": "w.safetensors",
+                                                        "linear": linear, "weight": 0.01,
+                                                        "patch": 16})
+                self.assertEqual(self.read("out.stgs"), trained, "threads changed the scene")
+
+    def test_it_starts_where_it_is_told_to(self):
+        self.write("w.safetensors", weights(False))
+        self.succeeds(*self.train("--perceptual-weights", "w.safetensors", "--set",
+                                  "perceptual_from=0.5", "--log", "log.jsonl"))
+        steps = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
+        self.assertEqual([step["iteration"] for step in steps], [1, 6])
+        self.assertEqual(steps[0]["perceptual"], 0)
+        self.assertGreater(steps[1]["perceptual"], 0)
+
+    def test_it_resumes_to_the_same_scene_and_with_these_weights_only(self):
+        self.write("w.safetensors", weights(True))
+        self.write("other.safetensors", weights(True, seed=2))
+        args = self.train("--perceptual-weights", "w.safetensors", "--checkpoint-interval", "4")
+        self.succeeds(*args, "--checkpoint", "run.ckpt")
+        whole = self.read("out.stgs")
+        # The checkpoint of the end goes on to no other scene; with other weights it is refused.
+        self.succeeds(*args, "--checkpoint", "run.ckpt", "--resume", "run.ckpt")
+        self.assertEqual(self.read("out.stgs"), whole)
+        for file in ([], ["--perceptual-weights", "other.safetensors"]):
+            self.fails(USAGE, "run.ckpt: .*other settings", *self.train(*file, "--resume",
+                                                                       "run.ckpt"))
+
+    def test_what_is_refused(self):
+        good = weights(True)
+        self.write("cut.safetensors", good[:1000000])
+        self.write("text.safetensors", b"these are no weights")
+        self.write("less.safetensors", good.replace(b"features.28.bias", b"features.28.tail"))
+        self.write("w.safetensors", good)
+        cases = [
+            (IO, "none.safetensors: cannot open", "none.safetensors", []),
+            (INVALID, "cut.safetensors: tensor 'features.* is cut short", "cut.safetensors", []),
+            (INVALID, "text.safetensors: not a safetensors file", "text.safetensors", []),
+            (INVALID, "less.safetensors: holds no tensor 'features.28.bias'", "less.safetensors",
+             []),
+            (USAGE, "perceptual_patch must be 0, the whole picture, or at least 16 pixels",
+             "w.safetensors", ["--set", "perceptual_patch=15"]),
+        ]
+        for code, message, file, more in cases:
+            with self.subTest(file=file):
+                self.fails(code, message, *self.train("--perceptual-weights", file, *more))

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <catch2/catch.hpp>
+
+#include "perceptual/safetensors.h"
+#include "vgg_fixture.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+using Shape = std::vector<std::uint64_t>;
+
+Result<Safetensors> open(Bytes bytes) {
+  return Safetensors::open(memory_source(std::move(bytes), "w.safetensors"));
+}
+
+Result<Safetensors> open(const std::string& header, std::size_t data) {
+  return open(safetensors_file(header, Bytes(data)));
+}
+
+// Refused as a broken file, with a message that names the file and holds `text`.
+template <typename T>
+void refused(const Result<T>& result, const std::string& text) {
+  INFO(text);
+  REQUIRE_FALSE(result.ok());
+  const Status& status = result.status();
+  INFO(status.message());
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(status.message().find("w.safetensors") == 0);
+  CHECK(status.message().find(text) != std::string::npos);
+}
+
+std::string tensor(const std::string& name, const std::string& type, const std::string& shape,
+                   const std::string& offsets) {
+  return fmt::format(R"("{}":{{"dtype":"{}","shape":{},"data_offsets":{}}})", name, type, shape,
+                     offsets);
+}
+
+// A header of such entries.
+std::string object(const std::vector<std::string>& entries) {
+  return fmt::format("{{{}}}", fmt::join(entries, ","));
+}
+
+}  // namespace
+
+TEST_CASE("arrays come back as 32-bit floats from every type that is read") {
+  const Bytes data = {0x00, 0x00, 0x80, 0x3f, 0x00, 0x00, 0x20, 0xc1,  // F32: 1, -10
+                      0x00, 0x3c, 0x01, 0x00, 0xff, 0xfb, 0x00, 0x80,  // F16: 1, 2^-24, -65504, -0
+                      0x80, 0x3f, 0x49, 0xc0};                         // BF16: 1, -3.140625
+  const std::string header =
+      object({tensor("half", "F16", "[4]", "[8,16]"), tensor("a", "F32", "[2,1]", "[0,8]"),
+              R"("__metadata__":{"format":"pt"})", tensor("brain", "BF16", "[1,2]", "[16,20]"),
+              tensor("none", "F32", "[3,0]", "[20,20]")});
+  const Result<Safetensors> file = open(safetensors_file(header + "  ", data));
+  REQUIRE(file.ok());
+  CHECK(file->contains("half"));
+  CHECK_FALSE(file->contains("__metadata__"));
+  CHECK(*file->floats("a", Shape{2, 1}) == std::vector<float>{1.0f, -10.0f});
+  CHECK(*file->floats("half", Shape{4}) == std::vector<float>{1.0f, 0x1p-24f, -65504.0f, 0.0f});
+  CHECK(*file->floats("brain", Shape{1, 2}) == std::vector<float>{1.0f, -3.140625f});
+  CHECK(file->floats("none", Shape{3, 0})->empty());
+}
+
+TEST_CASE("broken headers are refused before anything is read by them") {
+  refused(open(Bytes(5)), "too short");
+  refused(open(Bytes(8)), "not a JSON object");
+  refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "needs 100 bytes of 2");
+  refused(open(Bytes(16, 0xff)), "needs 18446744073709551615 bytes of 8");
+  refused(open(std::string(kSafetensorsHeaderLimit + 1, ' '), 0), "are more than");
+  for (const char* header : {"[]", "{", "{\"a\":}", "\"text\"", "{\"\xff\":1}"})
+    refused(open(header, 0), "not a JSON object");
+  refused(open(std::string(100000, '['), 0), "not a JSON object");
+  const struct {
+    const char *entry, *message;
+  } entries[] = {
+      {R"(3)", "not described by a JSON object"},
+      {R"({"shape":[1],"data_offsets":[0,4]})", "no dtype"},
+      {R"({"dtype":4,"shape":[1],"data_offsets":[0,4]})", "no dtype"},
+      {R"({"dtype":"F32","data_offsets":[0,4]})", "no shape"},
+      {R"({"dtype":"F32","shape":4,"data_offsets":[0,4]})", "no shape"},
+      {R"({"dtype":"F32","shape":[1]})", "no data_offsets"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":[0,4,8]})", "no data_offsets"},
+      {R"({"dtype":"F32","shape":[-1],"data_offsets":[0,4]})", "its shape is not"},
+      {R"({"dtype":"F32","shape":[1.5],"data_offsets":[0,4]})", "its shape is not"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":[-4,0]})", "its data_offsets are not"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":["0",4]})", "its data_offsets are not"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":[4,0]})", "its data ends before it begins"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":[0,5]})", "its data ends at byte 5 of 4"},
+      {R"({"dtype":"F32","shape":[3],"data_offsets":[0,4]})", "4 bytes are not [3] values of F32"},
+      {R"({"dtype":"F16","shape":[1],"data_offsets":[0,4]})", "4 bytes are not [1] values of F16"},
+      {R"({"dtype":"F32","shape":[4294967296,4294967296],"data_offsets":[0,4]})",
+       "4 bytes are not"},
+      {R"({"dtype":"F32","shape":[4611686018427387905],"data_offsets":[0,4]})", "4 bytes are not"},
+  };
+  for (const auto& [entry, message] : entries) {
+    refused(open(fmt::format(R"({{"a":{}}})", entry), 4), std::string("tensor 'a': ") + message);
+  }
+}
+
+TEST_CASE("arrays that share bytes, leave some out or have one name are refused") {
+  const auto pair = [](const std::string& name, const char* shape, const char* offsets) {
+    return object({tensor("a", "F32", "[2]", "[0,8]"), tensor(name, "F32", shape, offsets)});
+  };
+  CHECK(open(pair("b", "[1]", "[8,12]"), 12).ok());
+  refused(open(pair("b", "[1]", "[4,8]"), 8), "tensor 'b': its data overlaps");
+  refused(open(pair("b", "[2]", "[0,8]"), 8), "tensor 'b': its data overlaps");
+  refused(open(pair("b", "[1]", "[12,16]"), 16), "tensor 'b': its data leaves a gap");
+  refused(open(pair("b", "[1]", "[8,12]"), 16), "4 bytes at the end");
+  refused(open(pair("a", "[1]", "[8,12]"), 12), "holds 'a' twice");
+}
+
+TEST_CASE("an array is refused that is not what was asked for") {
+  const Bytes data = {0x00, 0x00, 0x80, 0x7f, 0, 0, 0, 0, 0, 0, 0, 0, 0x00, 0x7e, 1};
+  const std::string header =
+      object({tensor("inf", "F32", "[1]", "[0,4]"), tensor("long", "I64", "[1]", "[4,12]"),
+              tensor("nan", "F16", "[1]", "[12,14]"), tensor("new", "X9", "[7]", "[14,15]")});
+  const Result<Safetensors> file = open(safetensors_file(header, data));
+  REQUIRE(file.ok());
+  refused(file->floats("none", Shape{1}), "holds no tensor 'none'");
+  refused(file->floats("inf", Shape{2}), "tensor 'inf' has the shape [1], not [2]");
+  refused(file->floats("inf", Shape{1, 1}), "tensor 'inf' has the shape [1], not [1, 1]");
+  refused(file->floats("inf", Shape{1}), "tensor 'inf' holds a value that is not finite");
+  refused(file->floats("nan", Shape{1}), "tensor 'nan' holds a value that is not finite");
+  refused(file->floats("long", Shape{1}), "tensor 'long' is of type I64");
+  refused(file->floats("new", Shape{7}), "tensor 'new' is of type X9");
+}
+
+TEST_CASE("every cut of a file is refused") {
+  SafetensorsWriter writer;
+  writer.add("a", "[3]", {1, 2, 3});
+  writer.add("b", "[1,2]", {4, 5});
+  const Bytes whole = writer.take();
+  CHECK(open(whole).ok());
+  for (std::size_t n = 0; n < whole.size(); ++n) {
+    INFO(n << " bytes");
+    const Result<Safetensors> cut = open(Bytes(whole.begin(), whole.begin() + n));
+    CHECK_FALSE(cut.ok());
+    CHECK(cut.status().code() == StatusCode::kInvalidFile);
+  }
+}
+
+TEST_CASE("VGG16 is read by torchvision's names, with LPIPS's linear layers or without") {
+  for (const bool linear : {false, true}) {
+    const Vgg16 made = random_vgg16(1, linear);
+    const auto read = read_vgg16(memory_source(vgg16_file(made), "w.safetensors"));
+    REQUIRE(read.ok());
+    const Vgg16& found = **read;
+    CHECK(found.linear == linear);
+    CHECK(found.channel_weights == made.channel_weights);
+    for (std::size_t i = 0; i < kVggLayers.size(); ++i) {
+      CHECK(found.convolutions[i].weight == made.convolutions[i].weight);
+      CHECK(found.convolutions[i].bias == made.convolutions[i].bias);
+    }
+  }
+  const auto read = [](const Vgg16& network, const std::string& left_out) {
+    return read_vgg16(memory_source(vgg16_file(network, left_out), "w.safetensors"));
+  };
+  Vgg16 network = random_vgg16(1, true);
+  const std::uint64_t hash = (*read(network, ""))->hash;
+  for (const char* name : {"features.0.weight", "features.28.bias", "lin3.model.1.weight"})
+    refused(read(network, name), fmt::format("holds no tensor '{}'", name));
+  network.convolutions[12].bias[511] += 1.0f;
+  CHECK((*read(network, ""))->hash != hash);
+  network.convolutions[5].weight.resize(9 * 256);
+  refused(read(network, ""), "tensor 'features.12.weight': 9216 bytes are not [256, 256, 3, 3]");
+  network = random_vgg16(1, true);
+  network.channel_weights[2][7] = -0.5f;
+  refused(read(network, ""), "tensor 'lin2.model.1.weight' has a value below 0");
+}
