@@ -235,6 +235,20 @@ class Training(Paging):
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
+    def test_frames_from_disk_give_the_same_scene(self):
+        args = self.train("--iterations", "20", "--max-primitives", "300")
+        frames = self.json_of(*args)["frames"]
+        self.assertTrue(frames["resident"])
+        self.assertLess(frames["peak"], frames["budget"])
+        scene = self.read("out.stgs")
+        frames = self.json_of(*args, "--frame-memory", "40K")["frames"]
+        self.assertFalse(frames["resident"])
+        self.assertEqual(frames["budget"], 40 << 10)
+        self.assertLessEqual(frames["peak"], 40 << 10)
+        self.assertEqual(self.read("out.stgs"), scene)
+        for size in ("0", "much", "-1G", "8Q", "G"):
+            self.fails(USAGE, "write for example 512M or 8G", *args, f"--frame-memory={size}")
+
     def test_the_report_shows_the_run_and_the_final_scene(self):
         args = self.train("--iterations", "120", "--max-primitives", "300", "--seed", "3", "--set",
                           "prune_opacity=0.004", "--report", "a <b>/page")

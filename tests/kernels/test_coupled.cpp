@@ -161,7 +161,7 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
   StepInput input;
   input.camera = camera;
   input.ticks = 10.3f;
-  input.truth = &truth;
+  input.truth = borrowed_picture(truth, 0);
   input.sh_degree = 1;
   input.modulated = false;
   input.learn_radius = false;

@@ -343,13 +343,17 @@ TEST_CASE("pictures that do not fit come in turn") {
   const std::vector<Image8> truths = truths_of(c, 12);
   check(cache.create(3 * truths[0].data.size()));
   std::vector<std::uint8_t> found(truths[0].data.size());
-  for (int k = 0; k < 40; ++k) {
-    const Image8& truth = truths[(k * 7) % truths.size()];
-    const Result<const std::uint8_t*> bytes = cache.acquire(truth, stream);
+  for (std::uint64_t k = 0; k < 40; ++k) {
+    const std::size_t which = k * 7 % truths.size();
+    const Image8& truth = truths[which];
+    Picture picture = borrowed_picture(truth, which);
+    picture.use = k;
+    picture.next_use = k % 5 == 4 ? kNeverUsed : k + truths.size();
+    const Result<const std::uint8_t*> bytes = cache.acquire(picture, stream);
     check(bytes.status());
     REQUIRE(cudaMemcpyAsync(found.data(), *bytes, found.size(), cudaMemcpyDeviceToHost, stream) ==
             cudaSuccess);
-    check(cache.release(truth, stream));
+    check(cache.release(picture, stream));
     check(stream.wait());
     CHECK(found == truth.data);
   }

@@ -59,13 +59,14 @@ inline encoder::Image8 random_truth(int width, int height, unsigned seed) {
   return image;
 }
 
-// A step with every term on and rates as in the middle of a run.
+// A step with every term on and rates as in the middle of a run. The truth outlives it, and its
+// address names the picture.
 inline encoder::StepInput train_step(const math::PinholeCamera& camera,
                                      const encoder::Image8& truth, float ticks, int sh_degree) {
   encoder::StepInput input;
   input.camera = camera;
   input.ticks = ticks;
-  input.truth = &truth;
+  input.truth = encoder::borrowed_picture(truth, reinterpret_cast<std::uintptr_t>(&truth));
   input.sh_degree = sh_degree;
   input.second_stage = true;
   input.gather_statistics = true;

@@ -51,7 +51,7 @@ class TrainOptions {
   }
 
  private:
-  std::string preset_ = "default", resume_, checkpoint_, log_, report_;
+  std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   std::string perceptual_weights_;

@@ -55,6 +55,19 @@ Result<Size> parse_size(const std::string& text) {
   return size;
 }
 
+Result<std::uint64_t> parse_bytes(const std::string& text) {
+  constexpr std::string_view kUnits = "KMGT";
+  const std::size_t unit = text.empty() ? std::string_view::npos : kUnits.find(text.back());
+  const bool whole = unit == std::string_view::npos;
+  double number = 0;
+  const bool read = read_number(whole ? text : text.substr(0, text.size() - 1), number);
+  const double bytes = whole ? number : std::ldexp(number, 10 * static_cast<int>(unit + 1));
+  if (!read || !(bytes >= 1.0) || bytes >= 0x1p63) {
+    return usage_error("'{}' is not a size in bytes; write for example 512M or 8G", text);
+  }
+  return static_cast<std::uint64_t>(bytes);
+}
+
 Result<FrameRange> parse_open_frames(const std::string& text) {
   const std::size_t colon = text.find(':');
   FrameRange range{0, -1};

@@ -2,6 +2,7 @@
 // Reading what a person types: sizes, ranges, colours, numbers in a range, and near misses.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -27,6 +28,10 @@ Result<FrameRange> parse_open_frames(const std::string& text);
 Result<std::vector<float>> parse_colour(const std::string& text);
 // "a,b,c" -> {a, b, c}; empty parts are left out.
 std::vector<std::string> split_list(const std::string& text);
+
+// "512M", "8G", "1.5T": bytes, a whole number without a letter; K, M, G and T are powers of 1024.
+// At least 1.
+Result<std::uint64_t> parse_bytes(const std::string& text);
 
 // A CLI11 validator function: empty if `text` is a finite number in [low, high], else the reason.
 std::function<std::string(const std::string&)> number_between(double low, double high);

@@ -25,6 +25,11 @@ void TrainOptions::declare(CLI::App& app) {
   app.add_option("--max-seconds", max_seconds_, "Time to train in; the schedule fits itself to it")
       ->check(number_between(1, 1e8))
       ->group(group);
+  app.add_option(
+         "--frame-memory", frame_memory_,
+         "Memory for decoded frames, such as 512M or 8G; what does not fit is decoded again "
+         "when it is needed. Else a share of what is free")
+      ->group(group);
   app.add_option("--resume", resume_, "Checkpoint to go on from, bit for bit")->group(group);
   auto* checkpoint =
       app.add_option("--checkpoint", checkpoint_, "Where to write checkpoints, also when stopped")
@@ -68,6 +73,11 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   settings.max_primitives = max_primitives_;
   settings.max_seconds = max_seconds_;
   settings.seed = common.seed;
+  if (!frame_memory_.empty()) {
+    Result<std::uint64_t> bytes = parse_bytes(frame_memory_);
+    if (!bytes.ok()) return usage_error("--frame-memory: {}", bytes.status().message());
+    settings.frame_memory = *bytes;
+  }
   // In one order, so that a checkpoint does not depend on how they were typed.
   for (const std::string& name : encoder::ablation_names()) {
     if (ablates(name)) settings.ablate += settings.ablate.empty() ? name : "," + name;
@@ -125,6 +135,13 @@ Json to_json(const encoder::TrainReport& report) {
           {"seconds", report.seconds},
           {"primitives", report.primitives},
           {"final_loss", report.final_loss},
+          {"frames",
+           {{"budget", report.frames.budget},
+            {"peak", report.frames.peak},
+            {"resident", report.frames.resident},
+            {"decoded", report.frames.decoded},
+            {"waits", report.frames.waits},
+            {"wait_seconds", report.frames.wait_seconds}}},
           {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)},
           {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)}};
 }

@@ -63,7 +63,10 @@ Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
                             "scene units over it",
                             100 * statistics.static_share(), statistics.static_bound)},
                {"perceptual loss", perceptual(report)},
-               {"peak memory", human_bytes(report.peak_memory)}};
+               {"peak memory", human_bytes(report.peak_memory)},
+               {"decoded frames",
+                fmt::format("{} at most, {}", human_bytes(report.frames.peak),
+                            report.frames.resident ? "all in memory" : "the others from disk")}};
   if (report.held_out) {
     rows.emplace_back(
         "held-out views",

@@ -14,20 +14,21 @@
 #include "stgs/encoder/prepared_capture.h"
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
+#include "train/picture.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
 
 struct StepInput {
   math::PinholeCamera camera;
-  float ticks = 0;                 // moment, frames
-  const Image8* truth = nullptr;   // the camera's size; one address is one picture through a run
-  std::size_t colour_index = 0;    // which colour correction
-  int sh_degree = 0;               // harmonics in use
-  bool modulated = true;           // false: f = 1
-  bool learn_radius = true;        // false: r stays as it is
-  bool second_stage = false;       // L_opacity is on
-  bool gather_statistics = false;  // for densification
+  float ticks = 0;                         // moment, frames
+  Picture truth;                           // the camera's size
+  std::size_t colour_index = 0;            // which colour correction
+  int sh_degree = 0;                       // harmonics in use
+  bool modulated = true;                   // false: f = 1
+  bool learn_radius = true;                // false: r stays as it is
+  bool second_stage = false;               // L_opacity is on
+  bool gather_statistics = false;          // for densification
   std::array<float, kAttributes> rates{};  // learning rates; kSh: of the harmonics above degree 0
   float rate_sh0 = 0;
   float rate_colour = 0;
@@ -76,7 +77,7 @@ class TrainBackend {
   // Works on this state from now on (not owned; outlives the backend or the next begin).
   virtual Status begin(TrainState& state) = 0;
   // Starts a step. It may still be under way when this returns, and its error may be told by a
-  // later call; the truth stays as it is until read() or synchronise().
+  // later call; the input holds its picture for as long as that is needed.
   virtual Status step(const StepInput& input) = 0;
   // grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The random
   // numbers are of the state's iteration, which is the host's.

@@ -7,13 +7,11 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <stdexcept>
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
-#include "train/random.h"
 #include "train/start_camera.h"
 
 namespace stgs::encoder {
@@ -67,8 +65,9 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_ASSIGN(trainer->backend_, make_backend(settings.backend));
   STGS_ASSIGN(trainer->perceptual_,
               PerceptualTerm::create(settings, p, *trainer->backend_, trainer->log_));
-  STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, progress));
+  STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, settings.frame_memory, progress));
   STGS_TRY(trainer->perceptual_.check_sizes(trainer->images_));
+  trainer->order_ = ViewOrder(settings.seed, trainer->images_.views());
   STGS_TRY(trainer->prepare_state());
   STGS_TRY(trainer->prepare_backend());
   if (!settings.log_path.empty()) {
@@ -113,6 +112,13 @@ Status Trainer::prepare_backend() {
   }
   perceptual_.plan(plan);
   log_(2, fmt::format("training on {}", backend_->name()));
+  const FrameStatistics frames = images_.statistics();
+  constexpr double kMib = 1 << 20;
+  log_(2, frames.resident
+              ? fmt::format("{} frames are in memory, {:.0f} MiB", images_.views(),
+                            static_cast<double>(frames.peak) / kMib)
+              : fmt::format("{} frames come from disk, {:.0f} MiB of them are kept",
+                            images_.views(), static_cast<double>(frames.budget) / kMib));
   return backend_->reserve(plan);
 }
 
@@ -139,37 +145,33 @@ std::string Trainer::fingerprint() const {
 }
 
 double Trainer::share() const {
+  return share_at(state_.iteration);
+}
+
+// As far as is known now: the time that it will take is not.
+double Trainer::share_at(std::uint64_t iteration) const {
   const double by_iteration =
-      static_cast<double>(state_.iteration) / static_cast<double>(parameters_.iterations);
+      static_cast<double>(iteration) / static_cast<double>(parameters_.iterations);
   if (settings_.max_seconds <= 0) return std::min(1.0, by_iteration);
   return std::min(1.0, std::max(by_iteration, state_.seconds / settings_.max_seconds));
 }
 
-std::size_t Trainer::view_of_iteration() {
-  const std::size_t views = images_.views();
-  const std::uint64_t epoch = state_.iteration / views;
-  if (epoch != epoch_) {
-    epoch_ = epoch;
-    order_.resize(views);
-    std::iota(order_.begin(), order_.end(), 0u);
-    Random random(settings_.seed, epoch, RandomPurpose::kViews);
-    for (std::size_t i = views - 1; i > 0; --i) std::swap(order_[i], order_[random.below(i + 1)]);
-  }
-  return order_[state_.iteration % views];
+TrainingView Trainer::view_at(std::uint64_t iteration) {
+  const std::size_t view = order_.at(iteration), frames = static_cast<std::size_t>(capture_.frames);
+  const int level = share_at(iteration) < parameters_.coarse_until ? 1 : 0;
+  return {view / frames, static_cast<int>(view % frames), level};
 }
 
-StepInput Trainer::step_input() {
+Result<StepInput> Trainer::step_input() {
   const HyperParameters& p = parameters_;
   const double done = share();
-  const std::size_t view = view_of_iteration();
-  const std::size_t camera = view / static_cast<std::size_t>(images_.frames());
-  const int frame = static_cast<int>(view % static_cast<std::size_t>(images_.frames()));
-  const int level = done < p.coarse_until ? 1 : 0;
+  const auto [camera, frame, level] = view_at(state_.iteration);
   const double extent = capture_.extent;
   StepInput input;
   input.camera = images_.pinhole(camera, level, capture_.near_plane);
   input.ticks = static_cast<float>(frame);
-  input.truth = &images_.image(camera, frame, level);
+  STGS_ASSIGN(input.truth,
+              images_.next([this](std::uint64_t k) { return view_at(state_.iteration + k); }));
   input.colour_index = camera;
   input.sh_degree =
       p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
@@ -297,7 +299,13 @@ Status Trainer::run() {
   steps_read_ = state_.iteration;
   STGS_TRY(backend_->begin(state_));
   while (!finished()) {
-    STGS_TRY(backend_->step(step_input()));
+    const Result<StepInput> input = step_input();
+    if (!input.ok()) {
+      // What has been trained is worth keeping.
+      if (const Status saved = save_checkpoint(); !saved.ok()) log_(1, saved.message());
+      return input.status();
+    }
+    STGS_TRY(backend_->step(*input));
     ++state_.iteration;
     state_.seconds = seconds_before_ + seconds_since(started_);
     STGS_TRY(densify());
@@ -348,6 +356,7 @@ TrainReport Trainer::report() const {
   report.held_out = score_;
   report.backend = backend_->name();
   report.perceptual = perceptual_.report();
+  report.frames = images_.statistics();
   report.parameters = list_hyper_parameters(parameters_);
   return report;
 }

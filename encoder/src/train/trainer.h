@@ -15,6 +15,7 @@
 #include "train/log_writer.h"
 #include "train/perceptual_term.h"
 #include "train/training_images.h"
+#include "train/view_order.h"
 
 namespace stgs::encoder {
 
@@ -44,8 +45,10 @@ class Trainer {
   // The coupled representation's axes are eigenvectors of what it learns, whose gradient has a pole
   // where two are equally long, as all are at the start; so it trains without L_n.
   bool with_normals() const { return parameters_.weight_normal > 0 && !state_.is_coupled(); }
-  StepInput step_input();
-  std::size_t view_of_iteration();
+  // Its error is that of a frame which cannot be read.
+  Result<StepInput> step_input();
+  double share_at(std::uint64_t iteration) const;
+  TrainingView view_at(std::uint64_t iteration);
   // Takes what the steps have given since the last time into the running mean and last_.
   Status read_steps();
   Status densify();
@@ -71,8 +74,7 @@ class Trainer {
   std::unique_ptr<TrainBackend> backend_;
   StepOutput last_;               // of the steps read
   std::uint64_t steps_read_ = 0;  // iterations whose loss has been taken in
-  std::uint64_t epoch_ = ~std::uint64_t{0};
-  std::vector<std::uint32_t> order_;  // of the views of epoch_
+  ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   double seconds_before_ = 0;  // spent by the runs that this one goes on from
   LogWriter log_file_;

@@ -1,55 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/training_images.h"
-#include "stgs/format/parallel.h"
-
-#include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
-#include <mutex>
+
+#include "stgs/format/parallel.h"
+#include "train/machine_memory.h"
 
 namespace stgs::encoder {
 namespace {
 
 constexpr int kSmallestSide = 16;  // pixels; half of it is still a picture
-
-// Mean of 2x2 pixels; an odd last row or column is left out.
-Image8 half_size(const Image8& image) {
-  Image8 half;
-  half.width = image.width / 2;
-  half.height = image.height / 2;
-  half.channels = image.channels;
-  half.data.resize(std::size_t{1} * half.width * half.height * half.channels);
-  const std::size_t row = std::size_t{1} * image.width * image.channels;
-  for (int y = 0; y < half.height; ++y) {
-    for (int x = 0; x < half.width; ++x) {
-      for (int c = 0; c < image.channels; ++c) {
-        const std::uint8_t* p = &image.data[2 * y * row + (2 * x) * image.channels + c];
-        const int sum = p[0] + p[image.channels] + p[row] + p[row + image.channels];
-        half.data[(std::size_t{1} * y * half.width + x) * half.channels + c] =
-            static_cast<std::uint8_t>((sum + 2) / 4);
-      }
-    }
-  }
-  return half;
-}
-
-Status check_memory(const std::vector<Camera>& cameras, int frames) {
-  double bytes = 0;
-  for (const Camera& camera : cameras) bytes += 3.75 * camera.width * camera.height * frames;
-  const double memory =
-      static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
-  if (bytes < 0.8 * memory) return {};
-  return unsupported(
-      "the training frames need {:.1f} GiB of memory and this machine has {:.1f} GiB: prepare "
-      "fewer "
-      "frames (--frames) or smaller ones (--scale)",
-      bytes / (1 << 30), memory / (1 << 30));
-}
+// Of the available memory, for decoded frames; the rest is for the training and everybody else.
+constexpr double kMemoryShare = 0.6;
 
 }  // namespace
 
-Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture,
+Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std::uint64_t budget,
                                             const ProgressSink& progress) {
   TrainingImages images;
   images.frames_ = capture.frames;
@@ -65,29 +31,38 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture,
     return unsupported("{}: the frames of camera '{}' are {}x{}; training needs {} pixels a side",
                        capture.folder, camera.name, camera.width, camera.height, kSmallestSide);
   }
-  STGS_TRY(check_memory(images.cameras_, capture.frames));
-  for (auto& level : images.images_) level.resize(images.views());
-  std::mutex mutex;
-  Status first_error;
-  std::atomic<bool> failed = false;
-  parallel_for(std::size_t{0}, images.cameras_.size(), [&](std::size_t c) {
-    for (int frame = 0; frame < images.frames_; ++frame) {
-      if (failed) return;
-      Result<Image8> image = load_frame(capture, images.cameras_[c], frame);
-      if (!image.ok()) {
-        const std::lock_guard lock(mutex);
-        if (first_error.ok()) first_error = image.status();
-        failed = true;
-        return;
-      }
-      const std::size_t view = c * static_cast<std::size_t>(images.frames_) + frame;
-      images.images_[1][view] = half_size(*image);
-      images.images_[0][view] = std::move(*image);
-    }
-  });
-  STGS_TRY(first_error);
+  FrameStore::Source source;
+  for (const Camera& camera : images.cameras_) {
+    source.views.insert(source.views.end(), static_cast<std::size_t>(images.frames_),
+                        {camera.width, camera.height});
+  }
+  source.decode = [capture, cameras = images.cameras_](std::size_t view) {
+    const auto frames = static_cast<std::size_t>(capture.frames);
+    return load_frame(capture, cameras[view / frames], static_cast<int>(view % frames));
+  };
+  if (budget == 0) {
+    budget = static_cast<std::uint64_t>(kMemoryShare * static_cast<double>(available_memory()));
+  }
+  images.store_ = std::make_unique<FrameStore>(std::move(source), budget, concurrency());
+  STGS_TRY(images.store_->start());
   if (progress) progress({"load", 1.0, 0.0, fmt::format("{} frames", images.views())});
   return images;
+}
+
+std::uint64_t TrainingImages::id_of(const TrainingView& view) const {
+  const std::size_t index = view.camera * static_cast<std::size_t>(frames_) + view.frame;
+  return FrameStore::id_of(index, view.level);
+}
+
+Result<Picture> TrainingImages::next(const std::function<TrainingView(std::uint64_t k)>& upcoming) {
+  const std::uint64_t id = id_of(upcoming(0));
+  // At least one whole turn of all views is known at any time.
+  if (store_->announced() < views() || store_->next() != id) {
+    std::vector<std::uint64_t> ids(2 * views());
+    for (std::size_t k = 0; k < ids.size(); ++k) ids[k] = id_of(upcoming(k));
+    store_->announce(std::move(ids));
+  }
+  return store_->acquire(id);
 }
 
 math::PinholeCamera TrainingImages::pinhole(std::size_t camera, int level, float near_plane) const {

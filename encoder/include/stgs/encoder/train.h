@@ -28,6 +28,9 @@ struct TrainSettings {
   std::string checkpoint;         // where to write checkpoints; "": none
   int checkpoint_interval = 500;  // iterations
   std::string log_path;           // training_log.h; "": none
+  // Bytes of memory for decoded training frames; 0: a share of what is available. Those that do not
+  // fit are decoded again when they are needed. The scene does not depend on it.
+  std::uint64_t frame_memory = 0;
   // How often in a run, evenly, a few pictures of the test cameras are measured; 0: never. The
   // scene does not depend on it, and the time that it takes is not training time.
   int held_out_measures = 5;
@@ -44,12 +47,23 @@ struct PerceptualReport {
   int patch = 0;        // pixels a side of what a step looks at; 0: the whole picture
 };
 
+// What became of the training frames.
+struct FrameStatistics {
+  std::uint64_t budget = 0;   // bytes of memory for decoded frames
+  std::uint64_t peak = 0;     // bytes held at once; steps under way may hold a few pictures more
+  bool resident = false;      // all were decoded before training
+  std::uint64_t decoded = 0;  // frames, each as often as it was decoded
+  std::uint64_t waits = 0;    // steps whose picture was not there in time
+  double wait_seconds = 0;
+};
+
 struct TrainReport {
   int iterations = 0;
   double seconds = 0;
   std::size_t primitives = 0;
   double final_loss = 0;
-  std::uint64_t peak_memory = 0;                                // bytes, resident
+  std::uint64_t peak_memory = 0;  // bytes, resident
+  FrameStatistics frames;
   std::optional<HeldOutScore> held_out;                         // the last measure
   std::string backend;                                          // what trained
   std::optional<PerceptualReport> perceptual;                   // none: it was off

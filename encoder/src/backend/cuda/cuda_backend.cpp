@@ -145,11 +145,11 @@ Status CudaBackend::enqueue(const StepInput& input) {
   const std::size_t instances = room();
   STGS_TRY(pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
                              static_cast<int>(input.camera.height), instances, stream_));
-  STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(*input.truth, stream_));
+  STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
   STGS_TRY(
       pipeline_.enqueue(device_, input, truth, instances, records_.on_device() + slot, stream_));
-  STGS_TRY(truths_.release(*input.truth, stream_));
+  STGS_TRY(truths_.release(input.truth, stream_));
   pending_.push_back({input, slot});
   return cuda_status(cudaEventRecord(done_[slot], stream_), "marking a step");
 }

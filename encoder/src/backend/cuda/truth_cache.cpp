@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cuda/truth_cache.h"
 
-#include <algorithm>
 #include <cstring>
 #include <iterator>
 
@@ -27,9 +26,9 @@ Status TruthCache::create(std::size_t budget) {
   return copies_.create();
 }
 
-Result<const std::uint8_t*> TruthCache::acquire(const Image8& image, cudaStream_t stream) {
+Result<const std::uint8_t*> TruthCache::acquire(const Picture& picture, cudaStream_t stream) {
   Entry* entry = nullptr;
-  STGS_TRY(find(image, entry));
+  STGS_TRY(find(picture, entry));
   if (!entry->waited) {
     STGS_TRY(cuda_status(cudaStreamWaitEvent(stream, entry->copied, 0), "waiting for a picture"));
     entry->waited = true;
@@ -37,43 +36,54 @@ Result<const std::uint8_t*> TruthCache::acquire(const Image8& image, cudaStream_
   return static_cast<const std::uint8_t*>(entry->memory);
 }
 
-Status TruthCache::release(const Image8& image, cudaStream_t stream) {
-  const auto found = entries_.find(image.data.data());
+Status TruthCache::release(const Picture& picture, cudaStream_t stream) {
+  const auto found = entries_.find(picture.id);
   if (found == entries_.end()) return {};
   found->second.in_use = true;
   return cuda_status(cudaEventRecord(found->second.used, stream), "marking a picture");
 }
 
 void TruthCache::clear() {
-  for (auto& [key, entry] : entries_) {
+  for (auto& [id, entry] : entries_) {
     if (entry.memory != nullptr) cudaFreeAsync(entry.memory, copies_);
   }
   cudaStreamSynchronize(copies_);
   entries_.clear();
+  by_use_.clear();
   held_ = 0;
 }
 
-Status TruthCache::find(const Image8& image, Entry*& entry) {
-  const auto found = entries_.find(image.data.data());
+Status TruthCache::find(const Picture& picture, Entry*& entry) {
+  const auto found = entries_.find(picture.id);
   if (found == entries_.end()) {
-    STGS_TRY(make_room(image.data.size()));
-    Entry& made = entries_[image.data.data()];
-    STGS_TRY(copy(image, made));
-    entry = &made;
+    STGS_TRY(make_room(picture.pixels->data.size(), picture.use));
+    entry = &entries_[picture.id];
+    STGS_TRY(copy(*picture.pixels, *entry));
   } else {
     entry = &found->second;
+    by_use_.erase({entry->next_use, picture.id});
   }
-  entry->turn = ++turn_;
+  entry->next_use = picture.next_use;
+  by_use_.insert({entry->next_use, picture.id});
   return {};
 }
 
-// Gives up those used longest ago.
-Status TruthCache::make_room(std::size_t bytes) {
+// What is past its use (a picture of a size that is not trained on any more), else what is needed
+// last; where there is a choice, none that a step under way uses, for the copies would wait for it.
+std::uint64_t TruthCache::least_needed(std::uint64_t now) const {
+  if (by_use_.begin()->first < now) return by_use_.begin()->second;
+  for (auto at = by_use_.rbegin(); at != by_use_.rend(); ++at) {
+    const Entry& entry = entries_.at(at->second);
+    if (!entry.in_use || cudaEventQuery(entry.used) == cudaSuccess) return at->second;
+    (void)cudaGetLastError();  // "not ready" is no error, but remembered as one
+  }
+  return by_use_.rbegin()->second;
+}
+
+Status TruthCache::make_room(std::size_t bytes, std::uint64_t now) {
   while (held_ + bytes > budget_ && entries_.size() >= kFewest) {
-    const auto oldest = std::min_element(
-        entries_.begin(), entries_.end(),
-        [](const auto& a, const auto& b) { return a.second.turn < b.second.turn; });
-    Entry& entry = oldest->second;
+    const std::uint64_t id = least_needed(now);
+    Entry& entry = entries_.at(id);
     if (entry.in_use) {
       STGS_TRY(cuda_status(cudaStreamWaitEvent(copies_, entry.used, 0), "waiting for a step"));
     }
@@ -81,7 +91,8 @@ Status TruthCache::make_room(std::size_t bytes) {
       STGS_TRY(cuda_status(cudaFreeAsync(entry.memory, copies_), "freeing a picture"));
       held_ -= entry.bytes;
     }
-    entries_.erase(oldest);
+    by_use_.erase({entry.next_use, id});
+    entries_.erase(id);
   }
   return {};
 }

@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/frame_store.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+
+#include "stgs/format/parallel.h"
+
+namespace stgs::encoder {
+namespace {
+
+// How far to look ahead, in pictures: idle threads find the next misses among the hits, but what is
+// decoded early takes the place of what would have been a hit.
+constexpr std::uint64_t kLookAhead = 64;
+constexpr std::uint64_t kRoomAhead = 8;  // at most an eighth of what there is room for
+
+std::uint64_t picture_bytes(int width, int height) {
+  return std::uint64_t{3} * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+}
+
+}  // namespace
+
+Image8 half_size(const Image8& image) {
+  Image8 half;
+  half.width = image.width / 2;
+  half.height = image.height / 2;
+  half.channels = image.channels;
+  half.data.resize(std::size_t{1} * half.width * half.height * half.channels);
+  const std::size_t row = std::size_t{1} * image.width * image.channels;
+  for (int y = 0; y < half.height; ++y) {
+    for (int x = 0; x < half.width; ++x) {
+      for (int c = 0; c < image.channels; ++c) {
+        const std::uint8_t* p = &image.data[2 * y * row + (2 * x) * image.channels + c];
+        const int sum = p[0] + p[image.channels] + p[row] + p[row + image.channels];
+        half.data[(std::size_t{1} * y * half.width + x) * half.channels + c] =
+            static_cast<std::uint8_t>((sum + 2) / 4);
+      }
+    }
+  }
+  return half;
+}
+
+FrameStore::FrameStore(Source source, std::uint64_t budget, int threads)
+    : source_(std::move(source)), budget_(budget), thread_count_(std::max(threads, 1)) {
+  entries_.resize(2 * source_.views.size());
+  statistics_.budget = budget;
+}
+
+FrameStore::~FrameStore() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+  }
+  work_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+std::uint64_t FrameStore::bytes_of(std::uint64_t id) const {
+  const Source::Size& size = source_.views[id / 2];
+  return id % 2 == 0 ? picture_bytes(size.width, size.height)
+                     : picture_bytes(size.width / 2, size.height / 2);
+}
+
+std::uint64_t FrameStore::bytes() const {
+  std::uint64_t sum = 0;
+  for (std::uint64_t id = 0; id < entries_.size(); ++id) sum += bytes_of(id);
+  return sum;
+}
+
+Status FrameStore::start() {
+  if (bytes() <= budget_) return load_all();
+  for (int i = 0; i < thread_count_; ++i) threads_.emplace_back([this] { work(); });
+  return {};
+}
+
+Status FrameStore::load_all() {
+  Status first_error;
+  std::atomic<bool> failed = false;
+  parallel_for(std::size_t{0}, source_.views.size(), [&](std::size_t view) {
+    if (failed) return;
+    Result<Image8> image = source_.decode(view);
+    if (!image.ok()) {
+      const std::lock_guard lock(mutex_);
+      if (first_error.ok()) first_error = image.status();
+      failed = true;
+      return;
+    }
+    Entry &full = entries_[id_of(view, 0)], &half = entries_[id_of(view, 1)];
+    half.pixels = std::make_shared<const Image8>(half_size(*image));
+    full.pixels = std::make_shared<const Image8>(std::move(*image));
+    full.state = half.state = State::kReady;
+    full.held = half.held = true;
+  });
+  STGS_TRY(first_error);
+  statistics_.resident = true;
+  statistics_.decoded = source_.views.size();
+  statistics_.peak = used_ = bytes();
+  return {};
+}
+
+void FrameStore::announce(std::vector<std::uint64_t> ids) {
+  {
+    const std::lock_guard lock(mutex_);
+    plan_ = std::move(ids);
+    first_ = looked_ = now_;
+    next_after_.resize(plan_.size());
+    for (Entry& entry : entries_) entry.next_use = kNeverUsed;
+    for (std::size_t k = plan_.size(); k-- > 0;) {
+      Entry& entry = entries_[plan_[k]];
+      next_after_[k] = entry.next_use;
+      entry.next_use = first_ + k;
+    }
+    std::set<std::pair<std::uint64_t, std::uint64_t>> by_use;
+    for (const auto& [use, id] : by_use_) by_use.insert({entries_[id].next_use, id});
+    by_use_ = std::move(by_use);
+  }
+  work_.notify_all();
+}
+
+std::size_t FrameStore::announced() const {
+  const std::lock_guard lock(mutex_);
+  return plan_.size() - std::min<std::size_t>(plan_.size(), now_ - first_);
+}
+
+std::uint64_t FrameStore::next() const {
+  const std::lock_guard lock(mutex_);
+  return now_ - first_ < plan_.size() ? plan_[now_ - first_] : kNeverUsed;
+}
+
+Result<Picture> FrameStore::acquire(std::uint64_t id) {
+  std::unique_lock lock(mutex_);
+  Entry& entry = entries_[id];
+  const bool expected = now_ - first_ < plan_.size() && plan_[now_ - first_] == id;
+  // What was announced comes later by as much as comes in between.
+  if (!expected) ++first_;
+  Picture picture;
+  picture.id = id;
+  picture.use = now_;
+  picture.next_use = expected ? next_after_[now_ - first_] : entry.next_use;
+  ++now_;
+  if (entry.state == State::kAbsent || entry.state == State::kDecoding) {
+    const auto begin = std::chrono::steady_clock::now();
+    ++statistics_.waits;
+    if (entry.state == State::kAbsent) {
+      // No thread has come to it: the caller decodes it. It stays where others are needed later.
+      entry.state = State::kDecoding;
+      entry.next_use = picture.next_use;
+      if (make_room(bytes_of(id), picture.next_use)) hold(id);
+      decode(id, lock);
+    } else {
+      // Until it has been taken its use is the nearest of all, so that nothing drops it.
+      done_.wait(lock, [&] { return entry.state != State::kDecoding; });
+    }
+    statistics_.wait_seconds +=
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  }
+  if (entry.state == State::kFailed) {
+    entry.state = State::kAbsent;
+    return std::exchange(entry.error, {});
+  }
+  picture.pixels = entry.pixels;
+  if (entry.held) {
+    set_next_use(id, picture.next_use);
+  } else {
+    entry.pixels.reset();
+    entry.state = State::kAbsent;
+  }
+  lock.unlock();
+  work_.notify_one();
+  return picture;
+}
+
+FrameStatistics FrameStore::statistics() const {
+  const std::lock_guard lock(mutex_);
+  return statistics_;
+}
+
+void FrameStore::work() {
+  std::unique_lock lock(mutex_);
+  while (!stop_) {
+    const std::uint64_t id = next_job();
+    if (id == kNeverUsed) {
+      work_.wait(lock);
+      continue;
+    }
+    work_.notify_one();  // there may be more to do
+    decode(id, lock);
+  }
+}
+
+std::uint64_t FrameStore::next_job() {
+  looked_ = std::max(looked_, now_);
+  if (looked_ - first_ >= plan_.size()) return kNeverUsed;
+  const std::uint64_t room = budget_ / bytes_of(plan_[looked_ - first_]);
+  const std::uint64_t ahead = std::clamp(room / kRoomAhead, std::uint64_t{threads_.size()} + 1,
+                                         std::max<std::uint64_t>(kLookAhead, 4 * threads_.size()));
+  const std::uint64_t end = std::min(first_ + plan_.size(), now_ + ahead);
+  for (; looked_ < end; ++looked_) {
+    const std::uint64_t id = plan_[looked_ - first_];
+    if (entries_[id].state != State::kAbsent) continue;
+    if (!make_room(bytes_of(id), looked_)) return kNeverUsed;
+    entries_[id].state = State::kDecoding;
+    hold(id);
+    ++looked_;
+    return id;
+  }
+  return kNeverUsed;
+}
+
+// Drops what is needed later than `use`, that needed last first; false where that is not enough.
+bool FrameStore::make_room(std::uint64_t bytes, std::uint64_t use) {
+  if (bytes > budget_) return false;
+  while (used_ + bytes > budget_) {
+    if (by_use_.empty() || by_use_.rbegin()->first <= use) return false;
+    drop(by_use_.rbegin()->second);
+  }
+  return true;
+}
+
+void FrameStore::hold(std::uint64_t id) {
+  entries_[id].held = true;
+  used_ += bytes_of(id);
+  statistics_.peak = std::max(statistics_.peak, used_);
+}
+
+void FrameStore::drop(std::uint64_t id) {
+  Entry& entry = entries_[id];
+  by_use_.erase({entry.next_use, id});
+  used_ -= bytes_of(id);
+  entry.held = false;
+  entry.pixels.reset();
+  entry.state = State::kAbsent;
+  looked_ = std::min(looked_, entry.next_use);
+}
+
+void FrameStore::set_next_use(std::uint64_t id, std::uint64_t use) {
+  Entry& entry = entries_[id];
+  const bool listed = by_use_.erase({entry.next_use, id}) > 0;
+  entry.next_use = use;
+  if (listed) by_use_.insert({use, id});
+}
+
+void FrameStore::decode(std::uint64_t id, std::unique_lock<std::mutex>& lock) {
+  const std::size_t view = id / 2;
+  const bool half = id % 2 == 1;
+  std::shared_ptr<const Image8> full = half ? entries_[id_of(view, 0)].pixels : nullptr;
+  const bool fresh = full == nullptr;
+  lock.unlock();
+  std::shared_ptr<const Image8> pixels;
+  Status status;
+  try {
+    if (fresh) {
+      Result<Image8> image = source_.decode(view);
+      status = image.status();
+      if (image.ok()) full = std::make_shared<const Image8>(std::move(*image));
+    }
+    if (full != nullptr) pixels = half ? std::make_shared<const Image8>(half_size(*full)) : full;
+  } catch (const std::exception& error) {
+    status = runtime_error("decoding a training frame: {}", error.what());
+  }
+  lock.lock();
+  Entry& entry = entries_[id];
+  if (fresh) ++statistics_.decoded;
+  if (pixels != nullptr) {
+    entry.state = State::kReady;
+    entry.pixels = std::move(pixels);
+    if (entry.held) by_use_.insert({entry.next_use, id});
+    if (half && fresh) take_full_size(view, std::move(full));
+  } else {
+    entry.state = State::kFailed;
+    entry.error = std::move(status);
+    if (std::exchange(entry.held, false)) used_ -= bytes_of(id);
+  }
+  done_.notify_all();
+}
+
+// A by-product of the half size, kept where there is room to spare.
+void FrameStore::take_full_size(std::size_t view, std::shared_ptr<const Image8> pixels) {
+  const std::uint64_t id = id_of(view, 0);
+  Entry& entry = entries_[id];
+  if (entry.state != State::kAbsent || used_ + bytes_of(id) > budget_) return;
+  entry.state = State::kReady;
+  entry.pixels = std::move(pixels);
+  hold(id);
+  by_use_.insert({entry.next_use, id});
+}
+
+}  // namespace stgs::encoder
