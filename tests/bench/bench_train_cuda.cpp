@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A step of the CUDA training backend: milliseconds in all and a stage, by primitives and pixels.
 // Usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
+//                         [weight_normal=0]
 // Prints one JSON line a case. Scenes are random and opaque like a trained one: primitives get
 // smaller as their number grows and larger in pixels with the picture.
 #include <algorithm>
@@ -25,6 +26,7 @@ struct Case {
 
 struct Settings {
   int steps = 60, sh_degree = 2;
+  float weight_normal = 0;
 };
 
 using Clock = std::chrono::steady_clock;
@@ -75,6 +77,7 @@ Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& sett
     StepInput input = train_step(camera, truths[s % truths.size()],
                                  8.0f + static_cast<float>(s % 5), settings.sh_degree);
     input.colour_index = static_cast<std::size_t>(s) % 3;
+    input.weight_normal = settings.weight_normal;
     // The scene stays as it is.
     input.rates = {};
     input.rate_sh0 = input.rate_colour = 0.0f;
@@ -148,6 +151,7 @@ int main(int argc, char** argv) {
     unsigned long long n = 0;
     if (std::sscanf(argv[i], "steps=%d", &settings.steps) == 1 ||
         std::sscanf(argv[i], "sh_degree=%d", &settings.sh_degree) == 1 ||
+        std::sscanf(argv[i], "weight_normal=%f", &settings.weight_normal) == 1 ||
         std::sscanf(argv[i], "size=%dx%d", &only.width, &only.height) == 2)
       continue;
     if (std::sscanf(argv[i], "primitives=%llu", &n) == 1) {

@@ -8,6 +8,7 @@
 #include <catch2/catch.hpp>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 
 #include "backend/cuda/cuda_backend.h"
 #include "stgs/encoder/train.h"
@@ -75,9 +76,10 @@ void check(const Status& status) {
   REQUIRE(status.ok());
 }
 
-// Runs `steps` steps over a few moments and cameras; what each gave.
+// Runs `steps` steps over a few moments and cameras, each as `change` leaves it; what each gave.
 std::vector<StepOutput> run(TrainBackend& backend, TrainState& state, const Case& c, int steps,
-                            const std::vector<Image8>& truths) {
+                            const std::vector<Image8>& truths,
+                            const std::function<void(StepInput&)>& change = {}) {
   check(backend.reserve({state.size(), state.set.sh_coefficients(), c.width, c.height}));
   check(backend.begin(state));
   for (int s = 0; s < steps; ++s) {
@@ -86,6 +88,7 @@ std::vector<StepOutput> run(TrainBackend& backend, TrainState& state, const Case
     StepInput input = train_step(camera, truths[s % truths.size()],
                                  8.0f + static_cast<float>(s % 5), c.sh_degree);
     input.colour_index = static_cast<std::size_t>(s) % state.colour.size();
+    if (change) change(input);
     check(backend.step(input));
   }
   Result<std::vector<StepOutput>> outputs = backend.read();
@@ -154,6 +157,38 @@ TEST_CASE("one step has the CPU's losses, statistics and gradients") {
     }
     compare("colour", flat(cpu.colour_first), flat(gpu.colour_first), 1e-3);
     compare("colour map", flat(cpu.colour), flat(gpu.colour), 1e-4);
+  }
+}
+
+TEST_CASE("L_n alone has the CPU's value and gradients") {
+  const auto alone = [](StepInput& input) {
+    input.weight_l1 = input.weight_ssim = 0.0f;
+    input.weight_lifespan = input.weight_opacity = input.weight_scale = 0.0f;
+    input.weight_normal = 1.0f;
+  };
+  // Scenes that cover the picture; of the last few pixels show a surface.
+  const std::vector<Case> cases = {
+      {3000, 160, 96, 1, {3, -2.0f, 0.5f}},   {500, 101, 67, 1, {3, -1.0f, 0.5f}},
+      {400, 333, 211, 2, {3, -0.7f, 0.5f}},   {40, 19, 35, 0, {3, 0.0f, 0.3f}},
+      {20000, 640, 360, 0, {3, -2.8f, 0.6f}}, kPlain};
+  for (const Case& c : cases) {
+    const std::vector<Image8> truths = truths_of(c, 1);
+    TrainState cpu = state_of(c), gpu = cpu;
+    const auto reference = make_cpu_backend();
+    const std::vector<StepOutput> expected = run(*reference, cpu, c, 1, truths, alone);
+    const std::vector<StepOutput> found = run(cuda_backend(), gpu, c, 1, truths, alone);
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    std::printf("%zu primitives, %dx%d: L_n %.7f (CPU %.7f)\n", c.primitives, c.width, c.height,
+                found[0].normal, expected[0].normal);
+    CHECK(expected[0].normal > 0.0);
+    CHECK(found[0].normal == Approx(expected[0].normal).epsilon(1e-3));
+    CHECK(found[0].loss == Approx(found[0].normal));
+    for (const int a : {kPosition, kLogScale, kRotation, kOpacity, kTime, kVelocity, kLogSigma}) {
+      const double d = difference(cpu.moments[a].first, gpu.moments[a].first);
+      std::printf("  %-12s %.2e\n", kAttributeNames[a], d);
+      INFO(kAttributeNames[a]);
+      CHECK(d <= 1e-2);
+    }
   }
 }
 
@@ -230,6 +265,26 @@ TEST_CASE("the same steps give the same bits, also where room ran out on the way
     CHECK((fresh.redone() > 0) == (c.primitives == kCrowded.primitives));
     INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
     CHECK(same_bits(first, second));
+  }
+}
+
+TEST_CASE("steps with L_n give the same bits, and leave those without it as they were") {
+  const auto with_it = [](StepInput& input) { input.weight_normal = 0.05f; };
+  for (const Case& c : {kPlain, kCrowded}) {
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    const std::vector<Image8> truths = truths_of(c, 4);
+    TrainState first = state_of(c), second = first, without = first, after = first;
+    cuda::CudaBackend backends[2];
+    for (cuda::CudaBackend& backend : backends) check(backend.create());
+    run(backends[0], first, c, 20, truths, with_it);
+    const std::vector<StepOutput> outputs = run(backends[1], second, c, 20, truths, with_it);
+    CHECK(outputs.back().normal > 0.0);
+    CHECK(same_bits(first, second));
+    run(cuda_backend(), without, c, 5, truths);
+    const std::vector<StepOutput> off = run(backends[0], after, c, 5, truths);
+    CHECK(off.back().normal == 0.0);
+    CHECK(same_bits(without, after));
+    CHECK_FALSE(same_bits(without, second));
   }
 }
 

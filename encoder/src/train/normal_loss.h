@@ -21,9 +21,8 @@
 
 namespace stgs::encoder {
 
-// Sum over the channels of the larger absolute difference, 0 .. kLargestDifference; exact, so that
-// every backend has the same. (x, y) is no pixel of the border.
-inline constexpr int kLargestDifference = 3 * 255;
+// Sum over the channels of the larger absolute difference, 0 .. 765; exact, so that every backend
+// has the same. (x, y) is no pixel of the border.
 int picture_difference(const Image8& picture, int x, int y);
 
 // Keeps its working memory. Results do not depend on the number of threads. One call at a time per

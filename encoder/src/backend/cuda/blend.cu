@@ -20,8 +20,10 @@ __device__ void list_segments(std::uint32_t segment, std::uint32_t first, std::u
     segments[segment + s] = s < count ? make_uint2(tile, s) : make_uint2(~0u, 0);
 }
 
+template <bool kPlanes>
 __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Workspace w) {
   __shared__ ScreenSplat stage[kWarps][32];
+  __shared__ float4 plane_stage[kWarps][kPlanes ? 32 : 1];
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
   const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * 4;
@@ -40,20 +42,32 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   const std::size_t in_tile = (y & (kTile - 1)) * kTile + (x & (kTile - 1));
 
   float transmittance = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f;
+  float4 surface{};
   std::uint32_t last = 0;
   bool done = !inside;
   ScreenSplat next{};
-  if (first + lane < end) next = load_splat(w.splats, w.list[first + lane]);
+  float4 next_plane{};
+  if (first + lane < end) {
+    next = load_splat(w.splats, w.list[first + lane]);
+    if (kPlanes) next_plane = __ldg(w.planes + w.list[first + lane]);
+  }
   for (std::uint32_t at = first; at < end; at += 32) {
     if (__all_sync(kAllLanes, done)) break;
-    if (at > first && (at - first) % kSegment == 0)
-      w.checkpoints[std::size_t{kTile * kTile} * (segment + (at - first) / kSegment) + in_tile] =
-          make_float4(red, green, blue, transmittance);
+    if (at > first && (at - first) % kSegment == 0) {
+      const std::size_t checkpoint =
+          std::size_t{kTile * kTile} * (segment + (at - first) / kSegment) + in_tile;
+      w.checkpoints[checkpoint] = make_float4(red, green, blue, transmittance);
+      if (kPlanes) w.surface_checkpoints[checkpoint] = surface;
+    }
     const bool met = at + lane < end && ellipse_meets(next, left, right, top, bottom);
     unsigned hits = __ballot_sync(kAllLanes, met);
     stage[warp][lane] = next;
+    if constexpr (kPlanes) plane_stage[warp][lane] = next_plane;
     __syncwarp();
-    if (at + 32 + lane < end) next = load_splat(w.splats, w.list[at + 32 + lane]);
+    if (at + 32 + lane < end) {
+      next = load_splat(w.splats, w.list[at + 32 + lane]);
+      if (kPlanes) next_plane = __ldg(w.planes + w.list[at + 32 + lane]);
+    }
     while (hits != 0) {
       const int k = __ffs(hits) - 1;
       hits &= hits - 1;
@@ -70,6 +84,13 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
       red = fmaf(weight, s.red, red);
       green = fmaf(weight, s.green, green);
       blue = fmaf(weight, s.blue, blue);
+      if constexpr (kPlanes) {
+        const float4& plane = plane_stage[warp][k];
+        surface.x = fmaf(weight, plane.x, surface.x);
+        surface.y = fmaf(weight, plane.y, surface.y);
+        surface.z = fmaf(weight, plane.z, surface.z);
+        surface.w = fmaf(weight, plane.w, surface.w);
+      }
       transmittance = after;
       last = at - first + k + 1;
     }
@@ -79,13 +100,15 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   const std::size_t p = static_cast<std::size_t>(y) * view.width + x;
   w.picture[p] = make_float4(red, green, blue, transmittance);
   w.last[p] = last;
+  if (kPlanes) w.surface[p] = surface;
 }
 
 }  // namespace
 
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream) {
   const dim3 tiles(view.tiles_x, view.tiles_y);
-  blend<<<tiles, kWarps * 32, 0, stream>>>(view, w);
+  const auto kernel = view.planes ? blend<true> : blend<false>;
+  kernel<<<tiles, kWarps * 32, 0, stream>>>(view, w);
 }
 
 }  // namespace stgs::encoder::cuda

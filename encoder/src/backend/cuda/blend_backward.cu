@@ -8,7 +8,7 @@
 //
 // What is summed over pixels, with g = dL/dpower and (dx, dy) the offset from the mean, w the
 // blending weight: w dL/dcolour (3), w error, g, g dx, g dy, g dx^2, g dx dy, g dy^2, and the
-// absolute values of the gradient by the mean (2).
+// absolute values of the gradient by the mean (2). Where L_n is on, also w dL/dsurface (4).
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
@@ -47,6 +47,24 @@ __device__ int sum_index(int lane) {
   return (lane & 16 ? 6 : 0) + (lane & 8 ? 3 : 0) + (b2 ? 2 : (b1 ? 1 : 0));
 }
 
+// The same for 4 entries; lane L gets entry plane_index(L).
+__device__ float sum_plane_lanes(float4 v, int lane) {
+  const bool b4 = lane & 16, b3 = lane & 8;
+  const float a = (b4 ? v.z : v.x) + __shfl_xor_sync(kAllLanes, b4 ? v.x : v.z, 16);
+  const float b = (b4 ? v.w : v.y) + __shfl_xor_sync(kAllLanes, b4 ? v.y : v.w, 16);
+  float c = (b3 ? b : a) + __shfl_xor_sync(kAllLanes, b3 ? a : b, 8);
+  for (int step = 4; step > 0; step >>= 1) c += __shfl_xor_sync(kAllLanes, c, step);
+  return c;
+}
+
+__device__ int plane_index(int lane) {
+  return lane % 8 == 0 ? lane / 8 : -1;
+}
+
+__device__ float dot4(float4 a, float4 b) {
+  return fmaf(a.x, b.x, fmaf(a.y, b.y, fmaf(a.z, b.z, a.w * b.w)));
+}
+
 // State of a pixel on its way to the front.
 struct Pixel {
   float y;
@@ -54,10 +72,12 @@ struct Pixel {
   float behind;         // dL/dcolour . (what is seen behind the splat)
   float red, green, blue, error;
   int last;
+  float4 d_surface;  // where L_n is on
 };
 
-// For the list's entries up to `end`; `behind` is the checkpoint of what lies behind them.
-__device__ Pixel load_pixel(int x, int y, int end, const float4* behind, const View& view,
+// For the list's entries up to `end`; `checkpoint` is that of what lies behind them.
+template <bool kPlanes>
+__device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const View& view,
                             const Workspace& w) {
   Pixel p{};
   p.y = static_cast<float>(y) + 0.5f;
@@ -68,22 +88,31 @@ __device__ Pixel load_pixel(int x, int y, int end, const float4* behind, const V
   p.green = d.y;
   p.blue = d.z;
   p.error = d.w;
+  if (kPlanes) p.d_surface = w.d_surface[at];
   const float4 picture = w.picture[at];
   p.transmittance = picture.w;
   p.last = static_cast<int>(w.last[at]);
   if (p.last <= end) return p;
-  const float4 front = behind[(y & (kTile - 1)) * kTile + (x & (kTile - 1))];
+  checkpoint += (y & (kTile - 1)) * kTile + (x & (kTile - 1));
+  const float4 front = w.checkpoints[checkpoint];
   p.last = end;
   p.transmittance = front.w;
   p.behind =
       (d.x * (picture.x - front.x) + d.y * (picture.y - front.y) + d.z * (picture.z - front.z)) /
       front.w;
+  if constexpr (kPlanes) {
+    const float4 all = w.surface[at], drawn = w.surface_checkpoints[checkpoint];
+    p.behind += dot4(p.d_surface, make_float4(all.x - drawn.x, all.y - drawn.y, all.z - drawn.z,
+                                              all.w - drawn.w)) /
+                front.w;
+  }
   return p;
 }
 
 // Sums over a lane's pixels, which have one dx: the moments by it follow at the end.
 struct ColumnSums {
   float red, green, blue, error, g, gy, gyy, abs_x, abs_y;
+  float4 plane;
 };
 
 // A splat over a column of pixels.
@@ -94,7 +123,9 @@ struct Column {
 };
 
 // Adds what splat k gives at the pixel, and takes it off. Whether it is drawn there.
-__device__ bool add_pixel(const ScreenSplat& s, const Column& c, int k, Pixel& p, ColumnSums& v) {
+template <bool kPlanes>
+__device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Column& c, int k,
+                          Pixel& p, ColumnSums& v) {
   const float dy = p.y - s.y;
   const float log2 = fminf(s.most, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
   if (k >= p.last || log2 < kLog2Threshold) return false;
@@ -102,7 +133,14 @@ __device__ bool add_pixel(const ScreenSplat& s, const Column& c, int k, Pixel& p
   const float alpha = fminf(kAlphaMax, falloff);
   p.transmittance *= reciprocal_fast(1.0f - alpha);
   const float weight = alpha * p.transmittance;
-  const float own = fmaf(p.red, s.red, fmaf(p.green, s.green, p.blue * s.blue));
+  float own = fmaf(p.red, s.red, fmaf(p.green, s.green, p.blue * s.blue));
+  if constexpr (kPlanes) {
+    own += dot4(p.d_surface, plane);
+    v.plane.x = fmaf(weight, p.d_surface.x, v.plane.x);
+    v.plane.y = fmaf(weight, p.d_surface.y, v.plane.y);
+    v.plane.z = fmaf(weight, p.d_surface.z, v.plane.z);
+    v.plane.w = fmaf(weight, p.d_surface.w, v.plane.w);
+  }
   const float gain = own - p.behind;
   p.behind = fmaf(alpha, gain, p.behind);
   v.red = fmaf(weight, p.red, v.red);
@@ -122,11 +160,13 @@ __device__ bool add_pixel(const ScreenSplat& s, const Column& c, int k, Pixel& p
 }
 
 // A lane has kPer pixels, a warp 8 x 4 kPer.
-template <int kPer>
+template <int kPer, bool kPlanes>
 __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, const Workspace w) {
   constexpr int kWarps = 8 / kPer, kRows = 4 * kPer, kThreads = 32 * kWarps;
   __shared__ float4 stage[kBatch * 3];
   __shared__ float sums[kWarps][kBatch * kSums];
+  __shared__ float4 plane_stage[kPlanes ? kBatch : 1];
+  __shared__ float plane_sums[kPlanes ? kWarps : 1][kPlanes ? kBatch * kPlaneSums : 1];
   __shared__ unsigned touched[kWarps];
   __shared__ std::uint32_t instances[kBatch];
   __shared__ int warp_last[kWarps];
@@ -143,14 +183,14 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
   const std::uint32_t first = w.tile_begin[segment.x];
   const int count = static_cast<int>(w.tile_begin[segment.x + 1] - first);
   const int begin = static_cast<int>(segment.y) * kSegment, end = min(begin + kSegment, count);
-  const float4* behind = w.checkpoints + std::size_t{kTile * kTile} * (blockIdx.x + 1);
+  const std::size_t checkpoint = std::size_t{kTile * kTile} * (blockIdx.x + 1);
 
   const float x = left + static_cast<float>(lane % 8);
   Pixel pixels[kPer];
   int own_last = 0;
 #pragma unroll
   for (int q = 0; q < kPer; ++q) {
-    pixels[q] = load_pixel(x0 + lane % 8, y0 + lane / 8 + 4 * q, end, behind, view, w);
+    pixels[q] = load_pixel<kPlanes>(x0 + lane % 8, y0 + lane / 8 + 4 * q, end, checkpoint, view, w);
     own_last = max(own_last, pixels[q].last);
   }
   own_last = __reduce_max_sync(kAllLanes, own_last);
@@ -164,6 +204,10 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
   for (int q = longest * kSums + static_cast<int>(threadIdx.x); q < end * kSums; q += kThreads)
     w.partials[static_cast<std::size_t>(w.instances_sorted[first + q / kSums]) * kSums +
                q % kSums] = 0.0f;
+  if constexpr (kPlanes) {
+    for (int q = longest + static_cast<int>(threadIdx.x); q < end; q += kThreads)
+      w.plane_partials[w.instances_sorted[first + q]] = float4{};
+  }
 
   const int index = sum_index(lane);
   float* own_sum = sums[warp] + index;
@@ -175,6 +219,9 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
       stage[threadIdx.x] = reinterpret_cast<const float4*>(
           w.splats + w.list[first + base + threadIdx.x / 3])[threadIdx.x % 3];
     if (threadIdx.x < n) instances[threadIdx.x] = w.instances_sorted[first + base + threadIdx.x];
+    if constexpr (kPlanes) {
+      if (threadIdx.x < n) plane_stage[threadIdx.x] = w.planes[w.list[first + base + threadIdx.x]];
+    }
     __syncthreads();
     const ScreenSplat* splats = reinterpret_cast<const ScreenSplat*>(stage);
     const bool met =
@@ -189,7 +236,8 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
       ColumnSums c{};
       bool any = false;
 #pragma unroll
-      for (int q = 0; q < kPer; ++q) any |= add_pixel(s, column, base + k, pixels[q], c);
+      for (int q = 0; q < kPer; ++q)
+        any |= add_pixel<kPlanes>(s, plane_stage[kPlanes ? k : 0], column, base + k, pixels[q], c);
       if (!__any_sync(kAllLanes, any)) continue;
       drawn |= 1u << k;
       const float gx = c.g * dx;
@@ -197,6 +245,11 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
                         c.gy,  gx * dx, c.gy * dx, c.gyy,   c.abs_x, c.abs_y};
       const float sum = sum_lanes(v, lane);
       if (index >= 0) own_sum[k * kSums] = sum;
+      if constexpr (kPlanes) {
+        const float plane_sum = sum_plane_lanes(c.plane, lane);
+        const int entry = plane_index(lane);
+        if (entry >= 0) plane_sums[warp][k * kPlaneSums + entry] = plane_sum;
+      }
     }
     if (lane == 0) touched[warp] = drawn;
     __syncthreads();
@@ -206,6 +259,16 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
       for (int v = 0; v < kWarps; ++v)
         if (touched[v] >> (q / kSums) & 1u) sum += sums[v][q];
       w.partials[static_cast<std::size_t>(instances[q / kSums]) * kSums + q % kSums] = sum;
+    }
+    if constexpr (kPlanes) {
+      for (int q = static_cast<int>(threadIdx.x); q < n * kPlaneSums; q += kThreads) {
+        float sum = 0.0f;
+#pragma unroll
+        for (int v = 0; v < kWarps; ++v)
+          if (touched[v] >> (q / kPlaneSums) & 1u) sum += plane_sums[v][q];
+        reinterpret_cast<float*>(w.plane_partials + instances[q / kPlaneSums])[q % kPlaneSums] =
+            sum;
+      }
     }
     __syncthreads();
   }
@@ -218,7 +281,8 @@ void launch_blend_backward(const View& view, std::size_t bound, const Workspace&
   constexpr int kPer = 2;
   const std::size_t tiles = std::size_t{1} * view.tiles_x * view.tiles_y;
   const auto segments = static_cast<unsigned>(segment_count(bound, tiles));
-  blend_backward<kPer><<<segments, 256 / kPer, 0, stream>>>(view, w);
+  const auto kernel = view.planes ? blend_backward<kPer, true> : blend_backward<kPer, false>;
+  kernel<<<segments, 256 / kPer, 0, stream>>>(view, w);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -22,6 +22,7 @@ StepOutput output_of(const StepRecord& record) {
   output.loss = record.loss;
   output.l1 = record.l1;
   output.ssim = record.ssim;
+  output.normal = record.normal;
   output.visible = record.visible;
   return output;
 }
@@ -66,13 +67,11 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   if (plan.coupled) {
     return unsupported("the ablation 'representation' does not train with CUDA; use --backend cpu");
   }
-  if (plan.normals) {
-    return unsupported("weight_normal > 0 does not train with CUDA yet; use --backend cpu");
-  }
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
   const std::size_t state_bytes = DeviceState::bytes(plan.primitives, plan.sh_coefficients);
-  const std::size_t step_bytes = StepPipeline::bytes(plan.primitives, pixels, instances);
+  const std::size_t step_bytes =
+      StepPipeline::bytes(plan.primitives, pixels, instances, plan.normals);
   const std::size_t few_pictures = 16 * pixels;
   std::size_t free = 0, total = 0;
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
@@ -85,7 +84,8 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
         bytes_text(static_cast<double>(free)), bytes_text(static_cast<double>(total)));
   }
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients));
-  STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, stream_));
+  STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
+                             stream_));
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
   return truths_.create(static_cast<std::size_t>(kPictureShare * static_cast<double>(free)));
 }
@@ -107,7 +107,7 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
     STGS_TRY(device_.reserve(most, device_.primitives().sh_coefficients));
     STGS_TRY(device_.upload(*state_, stream_));
   }
-  STGS_TRY(pipeline_.reserve(most, 1, 1, kInstancesAPrimitive * most, stream_));
+  STGS_TRY(pipeline_.reserve(most, 1, 1, kInstancesAPrimitive * most, false, stream_));
   const Workspace& w = pipeline_.workspace();
   STGS_ASSIGN(const DensifyCounts counts,
               input.refining ? densifier_.replace(device_, *input.parameters, input.context,
@@ -144,7 +144,8 @@ Status CudaBackend::step(const StepInput& input) {
 Status CudaBackend::enqueue(const StepInput& input) {
   const std::size_t instances = room();
   STGS_TRY(pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
-                             static_cast<int>(input.camera.height), instances, stream_));
+                             static_cast<int>(input.camera.height), instances,
+                             input.weight_normal > 0.0f, stream_));
   STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
   STGS_TRY(

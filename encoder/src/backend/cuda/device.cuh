@@ -69,6 +69,19 @@ __device__ inline T warp_sum(T x) {
   return x;
 }
 
+// Sum over a block of kThreads, for thread 0.
+template <int kThreads>
+__device__ inline float block_sum(float x) {
+  __shared__ float sums[kThreads / 32];
+  x = warp_sum(x);
+  __syncthreads();
+  if ((threadIdx.x & 31) == 0) sums[threadIdx.x / 32] = x;
+  __syncthreads();
+  float sum = 0.0f;
+  for (float s : sums) sum += s;
+  return sum;
+}
+
 __device__ inline float sqrt_fast(float x) {
   float y;
   asm("sqrt.approx.f32 %0, %1;" : "=f"(y) : "f"(x));

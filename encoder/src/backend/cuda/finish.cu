@@ -5,13 +5,14 @@
 namespace stgs::encoder::cuda {
 namespace {
 
-constexpr int kQuantities = kLossSums + 2;  // L1 and colour, SSIM, regularisers
+// L1 and colour, SSIM, L_n, regularisers.
+constexpr int kFloatQuantities = kLossSums + 2, kQuantities = kFloatQuantities + 1;
 constexpr int kBlock = 512;
 constexpr int kMapSize = 12;
 
 struct FinishArguments {
   Counters* counters;
-  const float *loss_sums, *ssim_sums;
+  const float *loss_sums, *ssim_sums, *normal_sums;  // the last: null where L_n is off
   const double* regulariser_sums;
   std::uint32_t loss_blocks, update_blocks;
   double values;  // pixels times channels
@@ -26,19 +27,20 @@ struct FinishArguments {
 __device__ void sum_all(const FinishArguments& a, double (&sums)[kQuantities]) {
   __shared__ double warps[kQuantities][kBlock / 32];
   // A thread adds up a few blocks; in float, which is quicker, as a block's own sum is.
-  float own[kLossSums + 1] = {};
+  float own[kFloatQuantities] = {};
   double regularisers = 0.0;
   for (std::uint32_t k = threadIdx.x; k < a.loss_blocks; k += kBlock) {
 #pragma unroll
     for (int q = 0; q < kLossSums; ++q) own[q] += a.loss_sums[q * a.loss_blocks + k];
     own[kLossSums] += a.ssim_sums[k];
+    if (a.normal_sums != nullptr) own[kLossSums + 1] += a.normal_sums[k];
   }
   for (std::uint32_t k = threadIdx.x; k < a.update_blocks; k += kBlock)
     regularisers += a.regulariser_sums[k];
 #pragma unroll
   for (int q = 0; q < kQuantities; ++q) {
     const double sum =
-        warp_sum(q < kQuantities - 1 ? double{own[min(q, kLossSums)]} : regularisers);
+        warp_sum(q < kFloatQuantities ? double{own[min(q, kFloatQuantities - 1)]} : regularisers);
     if ((threadIdx.x & 31) == 0) warps[q][threadIdx.x / 32] = sum;
   }
   __syncthreads();
@@ -57,8 +59,10 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
   record.visible = a.counters->visible;
   record.l1 = sums[0] / a.values;
   record.ssim = sums[kLossSums] / a.values;
-  record.loss = a.weights.l1 * record.l1 + a.weights.ssim * (1.0 - record.ssim);
-  if (record.visible > 0) record.loss += sums[kLossSums + 1] / record.visible;
+  record.normal = 3.0 * sums[kLossSums + 1] / a.values;
+  record.loss = a.weights.l1 * record.l1 + a.weights.ssim * (1.0 - record.ssim) +
+                a.weights.normal * record.normal;
+  if (record.visible > 0) record.loss += sums[kFloatQuantities] / record.visible;
   *a.record = record;
   a.counters->instances = 0;
   a.counters->visible = 0;
@@ -106,6 +110,7 @@ void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights
   const FinishArguments arguments{w.counters,
                                   w.loss_sums,
                                   w.ssim_sums,
+                                  view.planes ? w.normal_sums : nullptr,
                                   w.regulariser_sums,
                                   static_cast<std::uint32_t>(loss_blocks(view.width, view.height)),
                                   static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock)),

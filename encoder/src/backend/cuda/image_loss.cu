@@ -39,18 +39,6 @@ __device__ float true_value(const Picture& p, std::size_t at, int c) {
   return static_cast<float>(p.truth[3 * at + c]) * (1.0f / 255.0f);
 }
 
-// Sum over the block, for thread 0.
-__device__ float block_sum(float x) {
-  __shared__ float sums[kThreads / 32];
-  x = warp_sum(x);
-  __syncthreads();
-  if ((threadIdx.x & 31) == 0) sums[threadIdx.x / 32] = x;
-  __syncthreads();
-  float sum = 0.0f;
-  for (float s : sums) sum += s;
-  return sum;
-}
-
 // Loads the block's area of both pictures, 0 beyond the border.
 __device__ void load_area(const Picture& p, float (&x)[3][kArea], float (&y)[3][kArea]) {
   const int x0 = static_cast<int>(blockIdx.x) * kLossX - kRadius;
@@ -160,7 +148,7 @@ __global__ void __launch_bounds__(kThreads)
     error[static_cast<std::size_t>(py) * p.width + px] =
         fminf(fmaxf(1.0f - ssim[own] * (1.0f / 3.0f), 0.0f), 1.0f);
   }
-  sum = block_sum(sum);
+  sum = block_sum<kThreads>(sum);
   if (threadIdx.x == 0) sums[blockIdx.y * gridDim.x + blockIdx.x] = sum;
 }
 
@@ -239,11 +227,11 @@ __global__ void __launch_bounds__(kThreads)
   }
   const std::size_t blocks = std::size_t{gridDim.x} * gridDim.y;
   const std::size_t block = blockIdx.y * gridDim.x + blockIdx.x;
-  l1 = block_sum(l1);
+  l1 = block_sum<kThreads>(l1);
   if (threadIdx.x == 0) sums[block] = l1;
 #pragma unroll
   for (int k = 0; k < 12; ++k) {
-    const float sum = block_sum(by_map[k]);
+    const float sum = block_sum<kThreads>(by_map[k]);
     if (threadIdx.x == 0) sums[(k + 1) * blocks + block] = sum;
   }
 }

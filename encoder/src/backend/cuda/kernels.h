@@ -20,6 +20,7 @@ inline constexpr int kSegment = 128;  // entries of a tile's list that a block o
 inline constexpr int kLossX = 32;     // pixels of a block of the image loss
 inline constexpr int kLossY = 16;     //
 inline constexpr int kLossSums = 13;  // of a block: L1, then the 12 gradients of the colour map
+inline constexpr int kPlaneSums = 4;  // floats of one splat in one tile, by its plane
 inline constexpr int kUpdateBlock = 128;                  // primitives of a block of the update
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of what is not drawn
 // Tile instances of a view, at most; as the CPU rasteriser's limit.
@@ -66,6 +67,7 @@ struct View {
   int coefficients = 1;  // harmonics evaluated
   int width = 0, height = 0;
   int tiles_x = 0, tiles_y = 0;
+  bool planes = false;  // L_n is on: the primitives' planes are blended too
 };
 
 // Counters of the step under way.
@@ -77,7 +79,7 @@ struct Counters {
 
 // What a step leaves for the host.
 struct StepRecord {
-  double loss, l1, ssim;
+  double loss, l1, ssim, normal;
   unsigned long long instances;
   std::uint32_t visible, overflow;
 };
@@ -112,6 +114,15 @@ struct Workspace {
   float* ssim_sums = nullptr;                 // B
   float* loss_sums = nullptr;                 // kLossSums x B
   double* regulariser_sums = nullptr;         // one a block of the update
+  // Where L_n is on. A plane (math/surface.h) or a gradient by one: normal x, y, z, distance.
+  float4* planes = nullptr;               // N; only those of visible primitives are set
+  float4* surface = nullptr;              // W x H, the planes' blend
+  float4* surface_checkpoints = nullptr;  // as checkpoints
+  float4* d_surface = nullptr;            // W x H, dL/dsurface
+  float4* plane_partials = nullptr;       // I, by instance
+  std::uint32_t* difference_range =
+      nullptr;                   // 2: largest picture_difference and largest lack of it
+  float* normal_sums = nullptr;  // B
   void* sort_memory = nullptr;
   std::size_t sort_bytes = 0;
 };
@@ -128,7 +139,7 @@ inline std::size_t segment_count(std::size_t instances, std::size_t tiles) {
 }
 
 struct LossWeights {
-  float l1, ssim;
+  float l1, ssim, normal;
 };
 
 struct UpdateSettings {
@@ -152,18 +163,21 @@ void sort_indices(const Workspace& w, const std::uint32_t* keys, std::uint32_t* 
 // sums[i]: of the values before i.
 void sum_before(const Workspace& w, const std::uint32_t* values, std::uint32_t* sums, std::size_t n,
                 cudaStream_t stream);
-// Motion, visibility, culling, projection, colour: splats, depth_keys, counters->visible.
+// Motion, visibility, culling, projection, colour: splats, planes, depth_keys, counters->visible.
 void launch_slice(const Primitives& p, const View& view, const Workspace& w, cudaStream_t stream);
 // Tile lists as stgs::bin makes them, for up to `bound` instances; more set counters->overflow.
 void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Workspace& w,
                 cudaStream_t stream);
-// picture, last, segments and checkpoints.
+// picture, last, segments and checkpoints; surface and its checkpoints.
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
 // d_picture, ssim_sums and loss_sums, for the picture shown through `colour_map` (12 floats);
 // truth: W x H x 3 bytes.
 void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,
                        const LossWeights& weights, const Workspace& w, cudaStream_t stream);
-// partials of every instance.
+// d_surface and normal_sums (train/normal_loss.h), where L_n is on.
+void launch_normal_loss(const View& view, const std::uint8_t* truth, float weight,
+                        const Workspace& w, cudaStream_t stream);
+// partials and plane_partials of every instance.
 void launch_blend_backward(const View& view, std::size_t bound, const Workspace& w,
                            cudaStream_t stream);
 // Gradients by the parameters of the visible primitives, regularisers, statistics and Adam.

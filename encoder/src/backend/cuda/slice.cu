@@ -3,6 +3,7 @@
 #include "backend/cuda/device.cuh"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
+#include "stgs/format/math/surface.h"
 
 namespace stgs::encoder::cuda {
 namespace {
@@ -77,14 +78,25 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
                                         view.coefficients, from_camera, out);
 }
 
+__device__ float4 plane_of(const Primitives& p, std::uint32_t i, const View& view) {
+  const Vec3 position =
+      position_at(read3(p.values[kPosition], i), read3(p.u, i), view.ticks - p.values[kTime][i]);
+  const float4 r = reinterpret_cast<const float4*>(p.values[kRotation])[i];
+  const Plane plane =
+      primitive_plane(view.camera, position, {r.x, r.y, r.z, r.w}, read3(p.values[kLogScale], i));
+  return make_float4(plane.normal.x, plane.normal.y, plane.normal.z, plane.distance);
+}
+
+template <bool kPlanes>
 __global__ void __launch_bounds__(kBlock)
-    slice(const Primitives p, const View view, ScreenSplat* splats, std::uint32_t* depth_keys,
-          Counters* counters) {
+    slice(const Primitives p, const View view, ScreenSplat* splats, float4* planes,
+          std::uint32_t* depth_keys, Counters* counters) {
   const std::uint32_t i = blockIdx.x * kBlock + threadIdx.x;
   ScreenSplat splat;
   const bool visible = i < p.n && make_splat(p, i, view, splat);
   if (i < p.n) depth_keys[i] = visible ? __float_as_uint(splat.depth) : kInvisible;
   if (visible) splats[i] = splat;
+  if (kPlanes && visible) planes[i] = plane_of(p, i, view);
   const int count = __syncthreads_count(visible);
   if (threadIdx.x == 0 && count > 0) atomicAdd(&counters->visible, count);
 }
@@ -92,7 +104,9 @@ __global__ void __launch_bounds__(kBlock)
 }  // namespace
 
 void launch_slice(const Primitives& p, const View& view, const Workspace& w, cudaStream_t stream) {
-  slice<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, view, w.splats, w.depth_keys, w.counters);
+  const auto kernel = view.planes ? slice<true> : slice<false>;
+  kernel<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, view, w.splats, w.planes, w.depth_keys,
+                                                        w.counters);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -16,6 +16,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
   view.height = static_cast<int>(input.camera.height);
   view.tiles_x = (view.width + kTile - 1) / kTile;
   view.tiles_y = (view.height + kTile - 1) / kTile;
+  view.planes = input.weight_normal > 0.0f;
   return view;
 }
 
@@ -39,15 +40,19 @@ std::size_t tiles_of(int width, int height) {
 
 }  // namespace
 
-std::size_t StepPipeline::bytes(std::size_t primitives, std::size_t pixels, std::size_t instances) {
+std::size_t StepPipeline::bytes(std::size_t primitives, std::size_t pixels, std::size_t instances,
+                                bool planes) {
   constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + 6 * 4 + sizeof(uint2);
   constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4;
   constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
   // The sort keeps a copy of its input.
   const std::size_t items = std::max(primitives, instances);
   const std::size_t segments = segment_count(instances, pixels / (kTile * kTile));
-  return segments * kTile * kTile * sizeof(float4) + primitives * kPrimitive + pixels * kPixel +
-         instances * kInstance + items * (4 + 9);
+  const std::size_t checkpoints = segments * kTile * kTile * sizeof(float4);
+  const std::size_t with_planes =
+      checkpoints + (primitives + 2 * pixels + instances) * sizeof(float4);
+  return checkpoints + primitives * kPrimitive + pixels * kPixel + instances * kInstance +
+         items * (4 + 9) + (planes ? with_planes : 0);
 }
 
 Status StepPipeline::create(cudaStream_t stream) {
@@ -57,7 +62,7 @@ Status StepPipeline::create(cudaStream_t stream) {
 }
 
 Status StepPipeline::reserve(std::size_t primitives, int width, int height, std::size_t instances,
-                             cudaStream_t stream) {
+                             bool planes, cudaStream_t stream) {
   const std::size_t pixels = std::size_t{1} * width * height;
   if (primitives > splats_.capacity() || pixels > picture_.capacity() ||
       tiles_of(width, height) >= tile_begin_.capacity() || instances > list_.capacity()) {
@@ -70,6 +75,8 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
     STGS_TRY(reserve_instances(std::min(instances + instances / 2, kMaxInstances)));
   }
   STGS_TRY(reserve_segments());
+  with_planes_ = with_planes_ || planes;
+  if (with_planes_) STGS_TRY(reserve_planes());
   const std::size_t items = std::max(primitives, list_.capacity());
   if (items > iota_.capacity()) {
     STGS_TRY(iota_.ensure(items));
@@ -145,6 +152,25 @@ Status StepPipeline::reserve_segments() {
   return {};
 }
 
+// As much as there is of what they go with.
+Status StepPipeline::reserve_planes() {
+  STGS_TRY(planes_.ensure(splats_.capacity()));
+  STGS_TRY(surface_.ensure(picture_.capacity()));
+  STGS_TRY(d_surface_.ensure(picture_.capacity()));
+  STGS_TRY(surface_checkpoints_.ensure(checkpoints_.capacity()));
+  STGS_TRY(plane_partials_.ensure(list_.capacity()));
+  STGS_TRY(difference_range_.ensure(2));
+  STGS_TRY(normal_sums_.ensure(ssim_sums_.capacity()));
+  workspace_.planes = planes_.data();
+  workspace_.surface = surface_.data();
+  workspace_.d_surface = d_surface_.data();
+  workspace_.surface_checkpoints = surface_checkpoints_.data();
+  workspace_.plane_partials = plane_partials_.data();
+  workspace_.difference_range = difference_range_.data();
+  workspace_.normal_sums = normal_sums_.data();
+  return {};
+}
+
 Status StepPipeline::clear_overflow(cudaStream_t stream) {
   return cuda_status(cudaMemsetAsync(counters_.data(), 0, sizeof(Counters), stream),
                      "clearing the counters");
@@ -155,7 +181,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
                              cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
   const View view = view_of(input, primitives.sh_coefficients);
-  const LossWeights weights{input.weight_l1, input.weight_ssim};
+  const LossWeights weights{input.weight_l1, input.weight_ssim, input.weight_normal};
   const auto index = static_cast<std::uint32_t>(input.colour_index);
   const float* map = state.colour().map + kIdentityColour.size() * input.colour_index;
   const Workspace& w = workspace_;
@@ -168,6 +194,10 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("blend");
   launch_image_loss(view, truth, map, weights, w, stream);
   stage("image_loss");
+  if (view.planes) {
+    launch_normal_loss(view, truth, input.weight_normal, w, stream);
+    stage("normal_loss");
+  }
   launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
   launch_update(primitives, view, update_settings(input), w, stream);

@@ -17,11 +17,13 @@ class StepPipeline {
   using StageObserver = std::function<void(const char* stage)>;
 
   // Bytes of device memory for such steps.
-  static std::size_t bytes(std::size_t primitives, std::size_t pixels, std::size_t instances);
+  static std::size_t bytes(std::size_t primitives, std::size_t pixels, std::size_t instances,
+                           bool planes);
 
   Status create(cudaStream_t stream);
-  // Memory for steps of this size; waits for the stream where it has to grow.
-  Status reserve(std::size_t primitives, int width, int height, std::size_t instances,
+  // Memory for steps of this size, from now on also with planes (L_n) where it says so; waits for
+  // the stream where it has to grow.
+  Status reserve(std::size_t primitives, int width, int height, std::size_t instances, bool planes,
                  cudaStream_t stream);
   // Enqueues a step with room for `instances` tile instances; the size is reserved. `record` is
   // mapped host memory as the device addresses it.
@@ -39,6 +41,7 @@ class StepPipeline {
   Status reserve_picture(int width, int height);
   Status reserve_instances(std::size_t n);
   Status reserve_segments();
+  Status reserve_planes();
   void stage(const char* name) {
     if (observer_) observer_(name);
   }
@@ -58,6 +61,10 @@ class StepPipeline {
   DeviceArray<float4> picture_, d_picture_, checkpoints_;
   DeviceArray<double> regulariser_sums_;
   DeviceArray<std::uint8_t> sort_memory_;
+  bool with_planes_ = false;
+  DeviceArray<float4> planes_, surface_, surface_checkpoints_, d_surface_, plane_partials_;
+  DeviceArray<std::uint32_t> difference_range_;
+  DeviceArray<float> normal_sums_;
 };
 
 }  // namespace stgs::encoder::cuda

@@ -16,14 +16,19 @@ constexpr std::uint32_t kAlone = 6;
 // sqrt(-2 ln o_th): the factor of sigma in L_t, as the paper writes it.
 constexpr float kSpanFactor = 3.32904297f;
 
-struct Sums {
-  float v[kSums];
+template <int kFloats>
+struct FloatSums {
+  float v[kFloats];
 };
+using Sums = FloatSums<kSums>;
 
-__device__ void add_instance(const float* partials, std::uint32_t instance, Sums& sums) {
-  const float4* p = reinterpret_cast<const float4*>(partials) + std::size_t{3} * instance;
+template <int kFloats>
+__device__ void add_instance(const float4* partials, std::uint32_t instance,
+                             FloatSums<kFloats>& sums) {
+  constexpr int kVectors = kFloats / 4;
+  const float4* p = partials + std::size_t{kVectors} * instance;
 #pragma unroll
-  for (int q = 0; q < 3; ++q) {
+  for (int q = 0; q < kVectors; ++q) {
     const float4 x = __ldg(p + q);
     sums.v[4 * q] += x.x;
     sums.v[4 * q + 1] += x.y;
@@ -33,9 +38,10 @@ __device__ void add_instance(const float* partials, std::uint32_t instance, Sums
 }
 
 // The lanes' sums over their instances, in an order that the numbers of instances alone decide.
-__device__ Sums sum_instances(uint2 range, const float* partials) {
+template <int kFloats>
+__device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials) {
   const int lane = threadIdx.x & 31;
-  Sums own{};
+  FloatSums<kFloats> own{};
   if (range.y <= kAlone) {
     for (std::uint32_t k = 0; k < range.y; ++k) add_instance(partials, range.x + k, own);
   }
@@ -45,10 +51,10 @@ __device__ Sums sum_instances(uint2 range, const float* partials) {
     large &= large - 1;
     const std::uint32_t begin = __shfl_sync(kAllLanes, range.x, owner);
     const std::uint32_t count = __shfl_sync(kAllLanes, range.y, owner);
-    Sums part{};
+    FloatSums<kFloats> part{};
     for (std::uint32_t k = lane; k < count; k += 32) add_instance(partials, begin + k, part);
 #pragma unroll
-    for (int q = 0; q < kSums; ++q) {
+    for (int q = 0; q < kFloats; ++q) {
       const float sum = warp_sum(part.v[q]);
       if (lane == owner) own.v[q] = sum;
     }
@@ -141,11 +147,13 @@ __device__ Own load_own(const Primitives& p, std::uint32_t i) {
 }
 
 // Fills the stage of a visible primitive but for Adam's factors, and the statistics where they are
-// gathered; returns its weighted regularisers, not yet a mean.
+// gathered; returns its weighted regularisers, not yet a mean. `by_plane`: gradient by its plane.
+template <bool kPlanes>
 __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const Own& own,
                                      const View& view, const UpdateSettings& settings,
-                                     const ScreenSplat& splat, const Sums& sums, float share,
-                                     float* stage, Statistics& statistics) {
+                                     const ScreenSplat& splat, const Sums& sums,
+                                     const Plane& by_plane, float share, float* stage,
+                                     Statistics& statistics) {
   const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
                    splat.half_yy * (-2.0f / kLog2E)};
   const float seen = exp2f(splat.most);  // O_t
@@ -160,12 +168,21 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   const Quat rotation{own.rotation.x, own.rotation.y, own.rotation.z, own.rotation.w};
   const ProjectionGrad by_projection = project_gaussian_grad(
       view.camera, position, covariance_of(rotation, scale), conic, grad.mean, grad.conic);
-  const CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
+  CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
   const Vec3 by_colour = colour_backward(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i,
                                          view.coefficients, from_camera, splat, grad.colour, stage);
-  const MotionGrad by_motion = position_at_grad(u, dt, vec3_add(by_projection.position, by_colour));
+  Vec3 by_position = vec3_add(by_projection.position, by_colour);
+  if constexpr (kPlanes) {
+    const PrimitivePlaneGrad by =
+        primitive_plane_grad(view.camera, position, rotation, log_scale, by_plane);
+    by_position = vec3_add(by_position, by.position);
+    by_covariance.rotation = {
+        by_covariance.rotation.w + by.rotation.w, by_covariance.rotation.x + by.rotation.x,
+        by_covariance.rotation.y + by.rotation.y, by_covariance.rotation.z + by.rotation.z};
+  }
+  const MotionGrad by_motion = position_at_grad(u, dt, by_position);
   const float opacity = opacity_of(own.logit);
   const VisibilityGrad by_visibility = visibility_grad(dt, sigma, radius, grad.opacity * opacity);
   VelocityGrad by_velocity{by_motion.u, 0.0f, 0.0f};
@@ -211,6 +228,7 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   return regularisers;
 }
 
+template <bool kPlanes>
 __global__ void __launch_bounds__(kUpdateBlock, 6)
     update(const Primitives p, const View view, const UpdateSettings settings, const Workspace w) {
   __shared__ float stages[kUpdateBlock * kFields];
@@ -231,11 +249,17 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
       values = load_own(p, i);
       splat = load_splat(w.splats, i);
     }
-    const Sums found = sum_instances(own ? w.ranges[i] : make_uint2(0, 0), w.partials);
+    const uint2 range = own ? w.ranges[i] : make_uint2(0, 0);
+    const Sums found = sum_instances<kSums>(range, reinterpret_cast<const float4*>(w.partials));
+    Plane by_plane{};
+    if constexpr (kPlanes) {
+      const FloatSums<kPlaneSums> sum = sum_instances<kPlaneSums>(range, w.plane_partials);
+      by_plane = {{sum.v[0], sum.v[1], sum.v[2]}, sum.v[3]};
+    }
     if (own) {
       Statistics statistics{};
-      regularisers =
-          primitive_gradients(p, i, values, view, settings, splat, found, share, stage, statistics);
+      regularisers = primitive_gradients<kPlanes>(p, i, values, view, settings, splat, found,
+                                                  by_plane, share, stage, statistics);
       const AdamFactors factors = adam_factors(++p.updates[i]);
       stage[kFirstFactor] = factors.first;
       stage[kSecondRoot] = factors.second_root;
@@ -265,7 +289,8 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
 
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream) {
-  update<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w);
+  const auto kernel = view.planes ? update<true> : update<false>;
+  kernel<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w);
 }
 
 }  // namespace stgs::encoder::cuda
