@@ -130,6 +130,10 @@ Status read_all(const SceneReader& reader, Gaussians4D& whole) {
 
 }  // namespace
 
+const char* profile_name(Profile profile) {
+  return profile == Profile::kLossless ? "lossless" : "quantised";
+}
+
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,
                                                        const ReadLimits& limits) {
   try {

@@ -8,6 +8,7 @@
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
 #include "synthetic_capture.h"
+#include "train/checkpoint.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -227,13 +228,99 @@ TEST_CASE("a checkpoint is only for the settings and the capture that it was mad
   settings.resume = settings.checkpoint;
   REQUIRE(run(synthetic, settings).ok());
   settings.seed = 2;
-  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
+  const Status other = run(synthetic, settings).status();
+  CHECK(other.code() == StatusCode::kUsage);
+  CHECK(other.message().find("the checkpoint's first:\n  seed: 1, now 2") != std::string::npos);
   settings.seed = 1;
   settings.max_seconds = 100;
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
   settings.max_seconds = 0;
   synthetic.capture.cameras[1].translation[0] += 0.01;
-  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
+  const Status moved = run(synthetic, settings).status();
+  CHECK(moved.code() == StatusCode::kUsage);
+  CHECK(moved.message().find("\n  camera cam01: 96x64, calibration ") != std::string::npos);
+}
+
+TEST_CASE("a checkpoint of another backend is resumed with a warning") {
+  const SyntheticCapture synthetic("train_other_backend");
+  TrainSettings settings = short_run(40);
+  settings.backend = "cpu";
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 20;
+  REQUIRE_FALSE(run(synthetic, settings, [&](const Progress& progress) {
+                  return progress.stage != "train" || !std::filesystem::exists(settings.checkpoint);
+                }).ok());
+  Result<Checkpoint> checkpoint = read_checkpoint(settings.checkpoint);
+  REQUIRE(checkpoint.ok());
+  for (auto& [name, value] : checkpoint->fingerprint) {
+    if (name == kBackendEntry) value = "abacus";
+  }
+  REQUIRE(write_checkpoint(settings.checkpoint, checkpoint->state, checkpoint->fingerprint).ok());
+  settings.resume = settings.checkpoint;
+  std::string warning;
+  const auto log = [&](int level, const std::string& line) {
+    if (level == 1) warning = line;
+  };
+  REQUIRE(train(synthetic.capture, settings, nullptr, log, nullptr).ok());
+  CHECK(warning.find("was made on abacus and goes on on cpu") != std::string::npos);
+}
+
+TEST_CASE("a run that had ended is resumed with its held-out score") {
+  const SyntheticCapture synthetic("train_ended");
+  TrainSettings settings = short_run(30);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  TrainReport first, again;
+  REQUIRE(train(synthetic.capture, settings, nullptr, nullptr, &first).ok());
+  settings.resume = settings.checkpoint;
+  REQUIRE(train(synthetic.capture, settings, nullptr, nullptr, &again).ok());
+  REQUIRE(first.held_out);
+  REQUIRE(again.held_out);
+  CHECK(again.iterations == 30);
+  CHECK(again.held_out->psnr == first.held_out->psnr);
+  CHECK(again.held_out->pictures == first.held_out->pictures);
+}
+
+TEST_CASE("what training would refuse is found without the capture") {
+  const SyntheticCapture synthetic("train_check");
+  TrainSettings settings = short_run(10);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  CHECK(check_training(settings, nullptr).ok());
+  CHECK(check_training(settings, &synthetic.capture).ok());
+  settings.resume = settings.checkpoint;
+  CHECK(check_training(settings, nullptr).code() == StatusCode::kIo);
+  settings.resume = "";
+  REQUIRE(run(synthetic, settings).ok());
+  settings.resume = settings.checkpoint;
+  CHECK(check_training(settings, nullptr).ok());
+  settings.overrides.emplace_back("lr_time", "1");
+  CHECK(check_training(settings, nullptr).message().find("lr_time: 0.01, now 1") !=
+        std::string::npos);
+  settings.overrides.emplace_back("lr_time", "soon");
+  CHECK(check_training(settings, nullptr).code() == StatusCode::kUsage);
+  settings = short_run(10);
+  settings.ablate = "magic";
+  CHECK(check_training(settings, nullptr).code() == StatusCode::kUsage);
+  settings.ablate = "";
+  settings.backend = "vulkan";
+  CHECK(check_training(settings, nullptr).code() == StatusCode::kNotBuilt);
+}
+
+TEST_CASE("'auto' says what it trains on, and why not on CUDA where it does not") {
+  const SyntheticCapture synthetic("train_auto");
+  TrainSettings settings = short_run(1);
+  std::string lines;
+  TrainReport report;
+  const auto log = [&](int level, const std::string& line) {
+    if (level == 2) lines += line + "\n";
+  };
+  REQUIRE(train(synthetic.capture, settings, nullptr, log, &report).ok());
+  CHECK(lines.find("training on " + report.backend) != std::string::npos);
+  const bool cpu = report.backend.rfind("cpu", 0) == 0;
+  CHECK((lines.find("no CUDA: ") != std::string::npos) == cpu);
+  settings.backend = "cpu";
+  lines.clear();
+  REQUIRE(train(synthetic.capture, settings, nullptr, log, &report).ok());
+  CHECK(lines.find("no CUDA") == std::string::npos);
 }
 
 TEST_CASE("the number of threads does not change a bit of the result") {

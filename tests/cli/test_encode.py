@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
+import time
 import unittest
 import urllib.parse
 import xml.etree.ElementTree
@@ -36,6 +37,14 @@ class Packing(CliTest):
         high = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "high.stgs", "--quality", "95")
         self.assertLess(low["bytes_out"], high["bytes_out"])
         self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
+
+    def test_packing_what_is_packed_is_warned_of(self):
+        first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
+        self.assertNotIn(b"warning", first.stderr)
+        again = self.stgs("pack", "one.stgs", "-o", "two.stgs", "--format", "json")
+        self.assertEqual(again.returncode, 0)
+        self.assertIn(b"stgs: warning: one.stgs: is packed already", again.stderr)
+        self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
 
     def test_what_pack_refuses(self):
         tiny = self.fixture("tiny.stgs")
@@ -70,7 +79,7 @@ class Preparing(CliTest):
             (USAGE, "frames 5:2 hold nothing", ["empty", "--frames", "5:2"]),
             (USAGE, "empty: is not a capture of a known layout", ["empty"]),
             (USAGE, "text: is not a capture of a known layout", ["text"]),
-            (IO, "missing: is not a folder", ["missing"]),
+            (IO, "missing: does not exist; name the folder that holds", ["missing"]),
             (IO, "file: is not a folder", ["file"]),
         ]
         for code, message, args in cases:
@@ -82,9 +91,50 @@ class Preparing(CliTest):
     def test_a_video_that_is_none(self):
         shutil.copytree(sample(), self.path("capture"))
         self.write("capture/cam03.mp4", b"no video at all" * 100)
-        self.fails(INVALID, "cam03.mp4: cannot open the video of camera 'cam03'", "prepare",
-                   "capture", "-o", "out")
+        args = ["prepare", "capture", "-o", "out"]
+        result = self.fails(INVALID, "cam03.mp4: cannot open the video of camera 'cam03'", *args)
+        self.assertEqual(self.foreign_lines(result), [])
         self.assertFalse(os.path.exists(self.path("out")))
+        # Its index is whole, its pictures are not.
+        self.write("capture/cam03.mp4", self.read("capture/cam04.mp4")[:30000])
+        result = self.fails(INVALID, "cam03.mp4: cannot decode frame 0 of camera 'cam03'", *args)
+        self.assertEqual(self.foreign_lines(result), [])
+
+    def foreign_lines(self, result):
+        """What libraries wrote to standard error past us."""
+        lines = result.stderr.decode().splitlines()
+        return [line for line in lines if not line.startswith("stgs: ")]
+
+    def test_a_killed_prepare_takes_colmap_with_it(self):
+        os.mkdir(self.path("bin"))
+        self.write("bin/colmap", "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 300\n")
+        os.chmod(self.path("bin/colmap"), 0o755)
+        shutil.copytree(sample(), self.path("capture"))
+        os.remove(self.path("capture/poses_bounds.npy"))  # so that COLMAP calibrates
+        environment = dict(os.environ, PATH=self.path("bin") + ":" + os.environ["PATH"],
+                           PID_FILE=self.path("pid"))
+        args = [harness.STGS, "prepare", "capture", "-o", "out", "--scale", "0.25"]
+        with subprocess.Popen(args, cwd=self.work, env=environment,
+                              stderr=subprocess.DEVNULL) as process:
+            self.wait_until(lambda: os.path.exists(self.path("pid")) and self.read("pid"))
+            child = int(self.read("pid"))
+            process.kill()
+        self.wait_until(lambda: not self.lives(child))
+
+    def lives(self, pid):
+        """Whether a process runs; one that has ended and waits for its parent does not."""
+        try:
+            with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+                return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+        except FileNotFoundError:
+            return False
+
+    def wait_until(self, condition):
+        for _ in range(1200):
+            if condition():
+                return
+            time.sleep(0.05)
+        self.fail("did not come about within a minute")
 
     def test_an_existing_folder_is_not_overwritten_unasked(self):
         os.mkdir(self.path("out"))
@@ -137,6 +187,7 @@ class Training(Paging):
     def test_train_makes_a_lossless_scene(self):
         report = self.json_of(*self.train("--iterations", "20", "--max-primitives", "300"))
         self.assertEqual(report["iterations"], 20)
+        self.assertRegex(report["backend"], r"^(cpu|cuda) \(.+\)$")
         self.assertEqual(report["bytes"], os.path.getsize(self.path("out.stgs")))
         info = self.json_of("info", "out.stgs")
         self.assertEqual(info["profile"], "lossless")
@@ -163,6 +214,8 @@ class Training(Paging):
             (USAGE, "--iterations: 0 is out of range", self.train("--iterations", "0")),
             (USAGE, "write KEY=VALUE", self.train("--set", "lambda")),
             (USAGE, "no such hyper-parameter", self.train("--set", "zzz=1")),
+            (USAGE, "the hyper-parameter iterations is 0; it must be from 1 to",
+             self.train("--set", "iterations=0")),
             (USAGE, "--checkpoint-interval requires --checkpoint",
              self.train("--checkpoint-interval", "5")),
             (IO, "is not a prepared capture", ["train", "empty", "-o", "o.stgs"]),
@@ -174,6 +227,34 @@ class Training(Paging):
             with self.subTest(args=args):
                 self.fails(code, message, *args)
         self.assertEqual(sorted(os.listdir(self.work)), ["empty", "rubbish"])
+
+    def test_outputs_that_are_one_file_are_refused(self):
+        self.write("scene.stgs", b"old")
+        os.mkdir(self.path("sub"))
+        os.symlink(self.work, self.path("sub/up"))
+        os.symlink("scene.stgs", self.path("link.ckpt"))
+        train = ["train", self.fixture("prepared"), "-o", "scene.stgs", "--preset", "fast"]
+        for one, other, args in [
+                ("--output", "--checkpoint", [*train, "--checkpoint", "scene.stgs"]),
+                ("--output", "--checkpoint", [*train, "--checkpoint", "link.ckpt"]),
+                ("--output", "--checkpoint", [*train, "--checkpoint", "sub/up/scene.stgs"]),
+                ("--output", "--log", [*train, "--log", "sub/../scene.stgs"]),
+                ("--output", "--resume", [*train, "--resume", "link.ckpt"]),
+                ("--output", "--report", ["train", self.fixture("prepared"), "-o", "new",
+                                          "--report", "new"]),
+                ("--output", "--report", ["train", self.fixture("prepared"), "-o",
+                                          "sub/index.html", "--report", "sub"]),
+                ("--checkpoint", "--log", [*train, "--checkpoint", "a", "--log", "./a"]),
+                ("--output", "--checkpoint", ["encode", sample(), "-o", "scene.stgs",
+                                              "--checkpoint", "link.ckpt"]),
+                ("--keep-work", "--checkpoint", ["encode", sample(), "-o", "b.stgs", "--keep-work",
+                                                 "w", "--checkpoint", "w/../w/trained.stgs"])]:
+            with self.subTest(args=args):
+                if "w" in args:
+                    os.mkdir(self.path("w"))
+                self.fails(USAGE, f"is where both {one} and {other} lead", *args)
+        self.assertEqual(self.read("scene.stgs"), b"old")
+        self.assertEqual(sorted(os.listdir(self.work)), ["link.ckpt", "scene.stgs", "sub", "w"])
 
     def test_a_killed_train_goes_on_to_the_same_bytes(self):
         """SIGKILL anywhere, twice; the log and the scene end as those of an unbroken run."""
@@ -251,11 +332,12 @@ class Training(Paging):
 
     def test_the_report_shows_the_run_and_the_final_scene(self):
         args = self.train("--iterations", "120", "--max-primitives", "300", "--seed", "3", "--set",
-                          "prune_opacity=0.004", "--report", "a <b>/page")
+                          "prune_opacity=0.004", "--threads", "1", "--report", "a <b>/page")
         os.mkdir(self.path("a <b>"))
         report = self.json_of(*args)
         self.assertEqual(report["report"], "a <b>/page")
         text = self.page("a <b>/page")
+        self.assertIn("<td>threads</td><td>1</td>", text)
         for title in ("Loss, running mean", "Held-out PSNR, dB", "Primitives"):
             self.assertEqual(text.count(f"<title>{title}</title>"), 2, title)  # steps, seconds
         self.assertIn("<td>prune_opacity</td><td>0.004</td>", text)
@@ -361,14 +443,31 @@ class Encoding(Paging):
         report = self.json_of("encode", sample(), "-o", "out.stgs", "--scale", "0.25", "--frames",
                               "0:2", "--preset", "fast", "--iterations", "10", "--report", "page")
         self.assertEqual(report["train"]["held_out"]["pictures"], 2)
+        self.assertEqual(report["report"], "page")
         self.assertIn("Test cameras, render and truth", self.page("page"))
         self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])
 
     def test_what_encode_refuses(self):
         self.fails(IO, "cannot create", "encode", sample(), "-o", "/proc/out.stgs")
-        self.fails(USAGE, "--quality: 500 is out of range", "encode", sample(), "-o", "o.stgs",
-                   "--quality", "500")
-        self.assertEqual(os.listdir(self.work), [])
+        self.write("rubbish", b"rubbish" * 100)
+        encode = ["encode", sample(), "-o", "o.stgs", "--progress", "json"]
+        for code, message, more in [
+                (USAGE, "--quality: 500 is out of range", ["--quality", "500"]),
+                (USAGE, "'soon' is not a value for lr_time", ["--set", "lr_time=soon"]),
+                (USAGE, "iterations is 0", ["--set", "iterations=0"]),
+                (IO, "none.ckpt", ["--resume", "none.ckpt"]),
+                (INVALID, "rubbish: not an STGS checkpoint", ["--resume", "rubbish"])]:
+            with self.subTest(more=more):
+                result = self.fails(code, message, *encode, *more)
+                self.assertNotIn(b'"stage"', result.stderr, "prepare had begun")
+        self.assertEqual(os.listdir(self.work), ["rubbish"])
+
+    def test_the_initialisation_is_ablated_as_by_the_verbs_one_by_one(self):
+        prepare = ["--scale", "0.25", "--frames", "0:2"]
+        train = ["--preset", "fast", "--iterations", "10", "--ablate", "initialisation"]
+        self.succeeds("encode", sample(), "-o", "out.stgs", *prepare, *train, "--keep-work", "work")
+        self.succeeds("train", "work/prepared", "-o", "trained.stgs", *train)
+        self.assertEqual(self.read("trained.stgs"), self.read("work/trained.stgs"))
 
 
 if __name__ == "__main__":

@@ -100,8 +100,9 @@ class Perceptual(CliTest):
         self.succeeds(*args, "--checkpoint", "run.ckpt", "--resume", "run.ckpt")
         self.assertEqual(self.read("out.stgs"), whole)
         for file in ([], ["--perceptual-weights", "other.safetensors"]):
-            self.fails(USAGE, "run.ckpt: .*other settings", *self.train(*file, "--resume",
-                                                                       "run.ckpt"))
+            result = self.fails(USAGE, "run.ckpt: .*another run",
+                                *self.train(*file, "--resume", "run.ckpt"))
+            self.assertRegex(result.stderr, rb"\n  perceptual weights: [0-9a-f]{16}, now ")
 
     def test_what_is_refused(self):
         good = weights(True)

@@ -124,7 +124,7 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": drawing | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render"},
+            "--log-level": training | {"prepare", "render", "pack"},
             "--backend": drawing | training,
             "--threads": drawing | training | {"prepare", "pack", "validate"},
             "--seed": training | {"prepare"},

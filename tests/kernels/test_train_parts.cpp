@@ -314,21 +314,22 @@ TEST_CASE("the score prefers short, fast primitives at equal error and opacity")
   CHECK(s[1] > s[2]);
 }
 
-TEST_CASE("a checkpoint brings every number back, and refuses damage and other settings") {
+TEST_CASE("a checkpoint brings every number back, and refuses damage") {
   const std::string path = temporary_path("stgs_test_checkpoint.ckpt");
   TrainState state = random_state(5, 9);
   state.iteration = 77;
   state.seconds = 1.5;
   state.moments[kSh].second[3] = 0.25f;
   state.colour[1][4] = 0.75f;
-  REQUIRE(write_checkpoint(path, state, "settings").ok());
-  const Result<TrainState> back = read_checkpoint(path, "settings");
+  const Fingerprint fingerprint = {{"seed", "3"}, {"camera \"left\"", "640x360"}};
+  REQUIRE(write_checkpoint(path, state, fingerprint).ok());
+  const Result<Checkpoint> back = read_checkpoint(path);
   REQUIRE(back.ok());
-  CHECK(back->iteration == 77);
-  CHECK(back->set.sh == state.set.sh);
-  CHECK(back->moments[kSh].second == state.moments[kSh].second);
-  CHECK(back->colour == state.colour);
-  CHECK(read_checkpoint(path, "others").status().code() == StatusCode::kUsage);
+  CHECK(back->fingerprint == fingerprint);
+  CHECK(back->state.iteration == 77);
+  CHECK(back->state.set.sh == state.set.sh);
+  CHECK(back->state.moments[kSh].second == state.moments[kSh].second);
+  CHECK(back->state.colour == state.colour);
 
   std::ifstream in(path, std::ios::binary);
   const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
@@ -336,9 +337,39 @@ TEST_CASE("a checkpoint brings every number back, and refuses damage and other s
     std::string damaged = bytes;
     damaged[at] = static_cast<char>(damaged[at] ^ 0x10);
     std::ofstream(path, std::ios::binary) << damaged;
-    CHECK(read_checkpoint(path, "settings").status().code() == StatusCode::kInvalidFile);
+    CHECK(read_checkpoint(path).status().code() == StatusCode::kInvalidFile);
   }
   std::ofstream(path, std::ios::binary) << bytes.substr(0, bytes.size() / 2);
-  CHECK(read_checkpoint(path, "settings").status().code() == StatusCode::kInvalidFile);
+  CHECK(read_checkpoint(path).status().code() == StatusCode::kInvalidFile);
   std::remove(path.c_str());
+}
+
+TEST_CASE("what differs between two runs is named, with both values") {
+  const Fingerprint found = {
+      {"seed", "1"}, {"iterations", "30"}, {"frames", "6"}, {"backend", "cuda"}};
+  CHECK(check_same_run("a.ckpt", found, found).ok());
+  // Part of it, and another backend.
+  CHECK(check_same_run("a.ckpt", found, {{"iterations", "30"}, {"backend", "cpu"}}).ok());
+  const Status other =
+      check_same_run("a.ckpt", found, {{"seed", "2"}, {"iterations", "30"}, {"camera b", "4x3"}});
+  CHECK(other.code() == StatusCode::kUsage);
+  const std::string& message = other.message();
+  CHECK(message.find("a.ckpt: ") == 0);
+  CHECK(message.find("\n  seed: 1, now 2\n  camera b: not there, now 4x3") != std::string::npos);
+  CHECK(message.find("iterations") == std::string::npos);
+  Fingerprint many;
+  for (int i = 0; i < 40; ++i) many.emplace_back(fmt::format("p{}", i), "0");
+  CHECK(check_same_run("a", {}, many).message().find("and 28 more") != std::string::npos);
+}
+
+TEST_CASE("a hyper-parameter out of its limits is named, with its value and its limits") {
+  HyperParameters parameters;
+  CHECK(check_hyper_parameters(parameters).ok());
+  REQUIRE(set_hyper_parameter(parameters, "iterations", "0").ok());
+  CHECK(check_hyper_parameters(parameters).message() ==
+        "the hyper-parameter iterations is 0; it must be from 1 to 100000000");
+  parameters = {};
+  REQUIRE(set_hyper_parameter(parameters, "initial_opacity", "1").ok());
+  CHECK(check_hyper_parameters(parameters).message().find("initial_opacity is 1;") !=
+        std::string::npos);
 }

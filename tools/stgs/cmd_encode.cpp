@@ -31,8 +31,15 @@ class Encode final : public Command {
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(const auto training, train_.settings(session.options));
+    const auto kept = [this](const char* name) {
+      return NamedPlace{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
+    };
+    STGS_ASSIGN(const auto training,
+                train_.settings(session.options,
+                                {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")}));
     STGS_TRY(check_can_write(output_));
+    // Before the long prepare; again when it knows how large the pictures are.
+    STGS_TRY(encoder::check_training(training, nullptr));
     for (const std::string& folder : remove_stale_work(output_)) {
       session.log(2, fmt::format("{}: removed, a killed encode had left it", folder));
     }
@@ -50,8 +57,10 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(
-        prepare_stage(capture_, prepared, prepare_, {train_.ablates("initialisation")}, session));
+    STGS_TRY(prepare_stage(capture_, prepared, prepare_, session,
+                           [&training](const encoder::PreparedCapture& capture) {
+                             return encoder::check_training(training, &capture);
+                           }));
     seconds[0] = lap();
     STGS_TRY(train_to_file(prepared, trained, train_.report(), training, session, train_report));
     seconds[1] = lap();
@@ -72,6 +81,7 @@ class Encode final : public Command {
         {"seconds", {{"prepare", seconds[0]}, {"train", seconds[1]}, {"pack", seconds[2]}}},
         {"train", to_json(train)},
         {"pack", to_json(pack)},
+        {"report", train_.report_json()},
         {"work", keep_work_.empty() ? Json(nullptr) : Json(keep_work_)},
         {"peak_memory", peak_memory()}};
     return session.emit(

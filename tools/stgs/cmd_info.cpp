@@ -11,10 +11,6 @@
 namespace stgs::tools {
 namespace {
 
-const char* profile_name(Profile profile) {
-  return profile == Profile::kLossless ? "lossless" : "quantised";
-}
-
 double bytes_per_primitive(const SceneReader& reader) {
   return reader.primitives() == 0
              ? 0

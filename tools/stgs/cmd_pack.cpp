@@ -14,11 +14,12 @@ class Pack final : public Command {
   Help help() const override {
     return {"pack", "Compress a trained scene",
             "Writes the quantised profile: lifespan segments, bounded errors, a stream an\n"
-            "attribute. Decodes what it wrote and tells the errors that it measured.",
+            "attribute. Decodes what it wrote and tells the errors that it measured, against\n"
+            "SCENE. A SCENE that was packed before is packed with a warning.",
             "  stgs pack trained.stgs -o scene.stgs\n"
             "  stgs pack trained.stgs -o small.stgs --quality 60"};
   }
-  Shared shared() const override { return {.progress = true, .threads = true}; }
+  Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }
   void declare(CLI::App& app) override {
     app.add_option("SCENE", input_, "A lossless .stgs file")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
@@ -33,7 +34,8 @@ class Pack final : public Command {
     }
     encoder::PackReport report;
     const double begin = now_seconds();
-    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report, session.progress_sink()));
+    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report, session.progress_sink(),
+                           session.log_sink()));
     Json json = {{"input", input_}, {"output", output_}, {"seconds", now_seconds() - begin}};
     json.update(to_json(report));
     json["peak_memory"] = peak_memory();

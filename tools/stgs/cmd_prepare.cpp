@@ -28,7 +28,7 @@ class Prepare final : public Command {
   }
   Status run(Session& session) override {
     const double begin = now_seconds();
-    STGS_TRY(prepare_stage(capture_, output_, options_, {}, session));
+    STGS_TRY(prepare_stage(capture_, output_, options_, session));
     STGS_ASSIGN(const auto prepared, encoder::read_prepared_capture(output_));
     const auto test = std::count_if(prepared.cameras.begin(), prepared.cameras.end(),
                                     [](const encoder::Camera& c) { return c.test; });

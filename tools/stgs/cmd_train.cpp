@@ -33,7 +33,7 @@ class Train final : public Command {
     if (list_) return list(session);
     if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
     if (output_.empty()) return usage_error("--output, the file to make, is required");
-    STGS_ASSIGN(const auto settings, options_.settings(session.options));
+    STGS_ASSIGN(const auto settings, options_.settings(session.options, {{"--output", output_}}));
     STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
     STGS_TRY(train_to_file(folder_, output_, options_.report(), settings, session, report));
@@ -45,7 +45,7 @@ class Train final : public Command {
     Json json = {{"output", output_}};
     json.update(to_json(report));
     json["bytes"] = bytes;
-    json["report"] = options_.report().empty() ? Json(nullptr) : Json(options_.report());
+    json["report"] = options_.report_json();
     json["peak_memory"] = report.peak_memory;
     return session.emit(
         json,

@@ -2,11 +2,12 @@
 // The options of prepare, train and pack, which encode takes all together.
 #pragma once
 
-#include <algorithm>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "command.h"
+#include "output_place.h"
 #include "session.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/prepare.h"
@@ -43,14 +44,17 @@ class TrainOptions {
             .seed = true};
   }
   void declare(CLI::App& app);
-  Result<encoder::TrainSettings> settings(const CommonOptions& common) const;
+  // `written`: what the verb writes beside what these options name; kUsage where two are one.
+  Result<encoder::TrainSettings> settings(const CommonOptions& common,
+                                          std::vector<NamedPlace> written) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }
-  bool ablates(const std::string& name) const {
-    return std::find(ablate_.begin(), ablate_.end(), name) != ablate_.end();
-  }
+  // The folder of the report, for JSON.
+  Json report_json() const { return report_.empty() ? Json(nullptr) : Json(report_); }
 
  private:
+  Status check_places(const std::string& log_path, std::vector<NamedPlace> places) const;
+
   std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
@@ -70,14 +74,11 @@ class PackOptions {
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
 };
 
-struct PrepareChanges {
-  bool no_split = false;  // as --no-split, from elsewhere
-};
-
-// Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV.
+// Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV. `accept`, where given, is
+// PrepareSettings::accept.
 Status prepare_stage(const std::string& capture, const std::string& folder,
-                     const PrepareOptions& options, const PrepareChanges& changes,
-                     Session& session);
+                     const PrepareOptions& options, Session& session,
+                     const std::function<Status(const encoder::PreparedCapture&)>& accept = {});
 
 // The report of a stage, as the verb of that stage prints it.
 Json to_json(const encoder::TrainReport& report);

@@ -89,6 +89,23 @@ Status check_can_make_folder(const std::string& path) {
   return check_can_write(fs::exists(status) ? folder + "/probe" : folder);
 }
 
+Status check_distinct(const std::vector<NamedPlace>& places) {
+  const auto same = [](const std::string& a, const std::string& b) {
+    std::error_code error;  // a path that cannot be looked at is told of where it is opened
+    if (fs::equivalent(a, b, error)) return true;
+    const fs::path x = fs::weakly_canonical(fs::absolute(a, error), error);
+    return !error && x == fs::weakly_canonical(fs::absolute(b, error), error) && !error;
+  };
+  for (auto one = places.begin(); one != places.end(); ++one) {
+    for (auto other = places.begin(); other != one; ++other) {
+      if (one->path.empty() || other->path.empty() || !same(one->path, other->path)) continue;
+      return usage_error("{}: is where both {} and {} lead; give each a place of its own",
+                         one->path, other->option, one->option);
+    }
+  }
+  return {};
+}
+
 RemovedPath::~RemovedPath() {
   std::error_code ignored;  // a destructor has nobody to tell; the path is a temporary
   if (!path_.empty()) fs::remove_all(path_, ignored);

@@ -24,6 +24,14 @@ Status check_can_write(const std::string& path);
 // The same for a new or existing folder.
 Status check_can_make_folder(const std::string& path);
 
+// A path that an option gives, or that follows from one; both for messages.
+struct NamedPlace {
+  std::string option, path;
+};
+// kUsage where two of them are one file or folder, whatever links and dots are in the way. Those
+// with an empty path do not count.
+Status check_distinct(const std::vector<NamedPlace>& places);
+
 // A path that is removed, with all in it, when this goes, unless kept.
 class RemovedPath {
  public:

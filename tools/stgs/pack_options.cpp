@@ -27,7 +27,8 @@ encoder::PackSettings PackOptions::settings() const {
 }
 
 Json to_json(const encoder::PackReport& report) {
-  return {{"primitives", report.primitives},
+  return {{"input_profile", profile_name(report.input_profile)},
+          {"primitives", report.primitives},
           {"dropped", report.dropped},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},

@@ -31,7 +31,8 @@ void PrepareOptions::declare(CLI::App& app) {
   app.add_option("--max-static-points", max_static_points_, "Still initial points")
       ->check(number_between(1, 1e9))
       ->group(group);
-  app.add_flag("--no-split", no_split_, "Ablation: do not tell moving points from still ones")
+  app.add_flag("--no-split", no_split_,
+               "Look for nothing that moves: one cloud of still points, from the first frame")
       ->group(group);
   app.add_flag("--overwrite", overwrite_, "Replace a prepared capture that is there")->group(group);
 }
@@ -59,17 +60,17 @@ Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& c
 }
 
 Status prepare_stage(const std::string& capture, const std::string& folder,
-                     const PrepareOptions& options, const PrepareChanges& changes,
-                     Session& session) {
+                     const PrepareOptions& options, Session& session,
+                     const std::function<Status(const encoder::PreparedCapture&)>& accept) {
   STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
-  if (changes.no_split) settings.separate_motion = false;
+  settings.accept = accept;
   return encoder::prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
 }
 
 #else
 
 Status prepare_stage(const std::string& capture, const std::string&, const PrepareOptions&,
-                     const PrepareChanges&, Session&) {
+                     Session&, const std::function<Status(const encoder::PreparedCapture&)>&) {
   return not_built(
       "{}: this build cannot prepare captures: install OpenCV (libopencv-dev) and build again "
       "with STGS_WITH_PREPARE=ON, or prepare on another machine",

@@ -13,7 +13,9 @@
 #include "stgs/player/renderer.h"
 
 #ifdef STGS_HAS_PREPARE
+#include <cstdlib>
 #include <opencv2/core/utility.hpp>
+#include <opencv2/core/utils/logger.hpp>
 #endif
 
 namespace stgs::tools {
@@ -140,11 +142,23 @@ std::string command_line(int argc, char** argv) {
   return line;
 }
 
+// OpenCV and FFmpeg write lines of their own to standard error, about files of which we say what is
+// wrong: they are for --log-level debug. Before any thread is there, since it sets the environment.
+void set_up_opencv(const CommonOptions& options) {
+#ifdef STGS_HAS_PREPARE
+  if (options.threads > 0) cv::setNumThreads(options.threads);
+  if (options.log_level == "debug") return;
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  // Read by OpenCV when it first opens a video; AV_LOG_QUIET. What the user has set stays.
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+#else
+  (void)options;
+#endif
+}
+
 int run_verb(Command& command, Session& session) {
   install_signal_handlers();
-#ifdef STGS_HAS_PREPARE
-  if (session.options.threads > 0) cv::setNumThreads(session.options.threads);
-#endif
+  set_up_opencv(session.options);
   Status status = session.start();
   if (status.ok()) status = command.run(session);
   if (status.ok()) return 0;

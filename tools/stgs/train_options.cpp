@@ -30,7 +30,10 @@ void TrainOptions::declare(CLI::App& app) {
          "Memory for decoded frames, such as 512M or 8G; what does not fit is decoded again "
          "when it is needed. Else a share of what is free")
       ->group(group);
-  app.add_option("--resume", resume_, "Checkpoint to go on from, bit for bit")->group(group);
+  app.add_option("--resume", resume_,
+                 "Checkpoint to go on from, bit for bit on the same kind of processor or GPU; on "
+                 "another backend with a warning")
+      ->group(group);
   auto* checkpoint =
       app.add_option("--checkpoint", checkpoint_, "Where to write checkpoints, also when stopped")
           ->group(group);
@@ -41,8 +44,8 @@ void TrainOptions::declare(CLI::App& app) {
       ->group(group);
   app.add_option("--ablate", ablate_,
                  "Leave out, with commas: representation (4DGS's coupled one instead), lifespan (r "
-                 "= 0), modulation (f = 1), initialisation (no "
-                 "dynamic points, v = 0), densification (as 3DGS and 4DGS instead)")
+                 "= 0), modulation (f = 1), initialisation (the points of the first frame alone, "
+                 "all of them static, v = 0), densification (as 3DGS and 4DGS instead)")
       ->check(CLI::IsMember(encoder::ablation_names()))
       ->delimiter(',')
       ->allow_extra_args(false)
@@ -64,8 +67,21 @@ void TrainOptions::declare(CLI::App& app) {
       ->group(group);
 }
 
-Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common) const {
-  STGS_TRY(encoder::check_train_backend(common.backend));
+Status TrainOptions::check_places(const std::string& log_path,
+                                  std::vector<NamedPlace> places) const {
+  places.push_back({"--checkpoint", checkpoint_});
+  places.push_back({log_.empty() ? "--report" : "--log", log_path});
+  places.push_back({"--report", report_});
+  if (!report_.empty()) places.push_back({"--report", report_ + "/index.html"});
+  // A checkpoint may go on in its own place.
+  if (check_distinct({{"--checkpoint", checkpoint_}, {"--resume", resume_}}).ok()) {
+    places.push_back({"--resume", resume_});
+  }
+  return check_distinct(places);
+}
+
+Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common,
+                                                      std::vector<NamedPlace> written) const {
   encoder::TrainSettings settings;
   settings.backend = common.backend;
   settings.preset = preset_;
@@ -80,7 +96,8 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   }
   // In one order, so that a checkpoint does not depend on how they were typed.
   for (const std::string& name : encoder::ablation_names()) {
-    if (ablates(name)) settings.ablate += settings.ablate.empty() ? name : "," + name;
+    if (std::find(ablate_.begin(), ablate_.end(), name) == ablate_.end()) continue;
+    settings.ablate += settings.ablate.empty() ? name : "," + name;
   }
   settings.resume = resume_;
   settings.checkpoint = checkpoint_;
@@ -88,8 +105,6 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
   settings.log_path = log_;
   settings.held_out_measures = held_out_;
   settings.perceptual_weights = perceptual_weights_;
-  if (!perceptual_weights_.empty())
-    STGS_TRY(encoder::check_perceptual(perceptual_weights_, common.backend));
   std::vector<std::string> names;
   for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
   for (const std::string& text : overrides_) {
@@ -112,6 +127,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
     STGS_TRY(check_can_make_folder(report_));
     if (log_.empty()) settings.log_path = report_ + "/training.jsonl";
   }
+  STGS_TRY(check_places(settings.log_path, std::move(written)));
   return settings;
 }
 
@@ -131,7 +147,8 @@ Json to_json(const encoder::PerceptualReport& perceptual) {
 }  // namespace
 
 Json to_json(const encoder::TrainReport& report) {
-  return {{"iterations", report.iterations},
+  return {{"backend", report.backend},
+          {"iterations", report.iterations},
           {"seconds", report.seconds},
           {"primitives", report.primitives},
           {"final_loss", report.final_loss},

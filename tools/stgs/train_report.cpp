@@ -5,13 +5,13 @@
 
 #include <algorithm>
 #include <fstream>
-#include <thread>
 
 #include "picture.h"
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/report_page.h"
 #include "stgs/encoder/training_log.h"
+#include "stgs/format/parallel.h"
 #include "stgs/format/scene_statistics.h"
 
 namespace stgs::tools {
@@ -36,7 +36,7 @@ Rows machine(const encoder::TrainReport& report) {
                       static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   return {{"backend", report.backend},
           {"processor", value_in("/proc/cpuinfo", "model name")},
-          {"threads", fmt::format("{}", std::thread::hardware_concurrency())},
+          {"threads", fmt::format("{}", concurrency())},
           {"memory", human_bytes(memory)},
           {"system", value_in("/etc/os-release", "PRETTY_NAME")},
           {"program", "stgs " STGS_VERSION}};

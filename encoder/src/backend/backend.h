@@ -12,6 +12,7 @@
 #include "perceptual/patch.h"
 #include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
+#include "stgs/encoder/progress.h"
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
 #include "train/picture.h"
@@ -92,9 +93,12 @@ class TrainBackend {
 };
 
 std::unique_ptr<TrainBackend> make_cpu_backend();
-// The first GPU; kUnsupported where there is none, kNotBuilt in a build without CUDA.
+// The first GPU; kUnsupported where there is none, kNotBuilt in a build without CUDA. The error
+// says why, not what to do instead.
 Result<std::unique_ptr<TrainBackend>> make_cuda_backend();
-// "cpu", "cuda", or "auto": CUDA where this build and machine have it, else the CPU.
-Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name);
+// "cpu", "cuda", or "auto": CUDA where this build and machine have it, else the CPU, and `log` is
+// told why.
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name,
+                                                   const LogSink& log = nullptr);
 
 }  // namespace stgs::encoder

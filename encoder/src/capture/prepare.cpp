@@ -67,6 +67,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   STGS_ASSIGN(const std::vector<CameraPlan> plans, plan_frames(source, settings, prepared, log));
   log(2, fmt::format("{}: {} cameras, frames {}:{}", capture, prepared.cameras.size(),
                      prepared.first_frame, prepared.first_frame + prepared.frames));
+  if (settings.accept) STGS_TRY(settings.accept(prepared));
   STGS_TRY(write_frames(source, plans, prepared, progress));
   InitSettings init;
   init.separate_motion = settings.separate_motion;

@@ -3,7 +3,7 @@
 
 #include <fcntl.h>
 #include <signal.h>
-#include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -19,6 +19,61 @@ namespace stgs::encoder {
 namespace {
 
 constexpr int kLinesShown = 8;
+
+struct Descriptor {
+  int number = -1;
+  Descriptor() = default;
+  explicit Descriptor(int n) : number(n) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() { close(); }
+  void close() {
+    if (number >= 0) ::close(number);
+    number = -1;
+  }
+};
+
+// The child after a fork, where only what a signal handler may call is allowed: becomes the
+// program, or writes to `told` why it cannot.
+[[noreturn]] void become(char* const* argv, int input, int output, pid_t parent, int told) {
+  // When the thread that forked ends, and be it by SIGKILL, the kernel ends the child. A parent
+  // that ended before this call is not seen by the kernel, but by its id.
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (::getppid() != parent) ::_exit(127);
+  if (::dup2(input, 0) == 0 && ::dup2(output, 1) == 1 && ::dup2(output, 2) == 2) {
+    ::execvp(argv[0], argv);
+  }
+  const int wrong = errno;
+  const auto ignored = ::write(told, &wrong, sizeof(wrong));
+  (void)ignored;  // nobody is left to be told
+  ::_exit(127);
+}
+
+// Starts a program that reads nothing, writes to `log_path` and does not outlive the calling
+// thread; 0, or the errno that says why not.
+int start_program(char* const* argv, const std::string& log_path, pid_t& child) {
+  const Descriptor input(::open("/dev/null", O_RDONLY | O_CLOEXEC));
+  const Descriptor output(::open(log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
+  if (input.number < 0 || output.number < 0) return errno;
+  int ends[2];
+  if (::pipe2(ends, O_CLOEXEC) != 0) return errno;
+  const Descriptor told(ends[0]);
+  Descriptor tell(ends[1]);
+  const pid_t parent = ::getpid();
+  child = ::fork();
+  if (child < 0) return errno;
+  if (child == 0) become(argv, input.number, output.number, parent, tell.number);
+  // The pipe ends with the exec, or says why there was none.
+  tell.close();
+  int wrong = 0;
+  ssize_t got = 0;
+  do {
+    got = ::read(told.number, &wrong, sizeof(wrong));
+  } while (got < 0 && errno == EINTR);
+  if (got == 0) return 0;
+  ::waitpid(child, nullptr, 0);
+  return got == sizeof(wrong) ? wrong : EIO;
+}
 
 }  // namespace
 
@@ -51,15 +106,8 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
   std::vector<char*> argv;
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_addopen(&actions, 1, log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC,
-                                   0666);
-  posix_spawn_file_actions_adddup2(&actions, 1, 2);
   pid_t child = 0;
-  const int wrong = posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
+  const int wrong = start_program(argv.data(), log_path, child);
   if (wrong == ENOENT) {
     return not_built("{}: is not installed (apt-get install {}), and is needed here", arguments[0],
                      arguments[0]);

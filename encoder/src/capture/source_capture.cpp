@@ -221,7 +221,13 @@ Result<Layout> layout_from_name(const std::string& name) {
 
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log) {
-  if (!fs::is_directory(folder)) return io_error("{}: is not a folder", folder);
+  if (!fs::exists(folder)) {
+    return io_error("{}: does not exist; name the folder that holds the videos or pictures",
+                    folder);
+  }
+  if (!fs::is_directory(folder)) {
+    return io_error("{}: is not a folder; name the one that holds the videos or pictures", folder);
+  }
   Layout layout = settings.layout;
   if (layout == Layout::kAuto) {
     STGS_ASSIGN(layout, detect(folder));

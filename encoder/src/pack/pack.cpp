@@ -40,13 +40,19 @@ void measure(const Gaussians4D& original, const Gaussians4D& decoded,
 }  // namespace
 
 Status pack(const std::string& scene_path, const std::string& output_path,
-            const PackSettings& settings, PackReport* report, const ProgressSink& progress) {
+            const PackSettings& settings, PackReport* report, const ProgressSink& progress,
+            const LogSink& log) {
   const auto go_on = [&](double done, const char* detail) -> Status {
     if (!progress || progress({"pack", done, -1, detail})) return {};
     return runtime_error("{}: stopped while packing, nothing is written", output_path);
   };
   STGS_TRY(go_on(0, "reading"));
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> input, open_file(scene_path));
+  STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(scene_path));
+  if (log && input->profile() != Profile::kLossless) {
+    log(1, fmt::format("{}: is packed already: what it lost stays lost, and this packing loses "
+                       "more; pack the lossless scene that 'train' wrote, if it is still there",
+                       scene_path));
+  }
   STGS_ASSIGN(const Scene scene, read_scene(scene_path));
   STGS_TRY(go_on(0.1, "compressing"));
   WriteSettings write;
@@ -66,7 +72,8 @@ Status pack(const std::string& scene_path, const std::string& output_path,
   *report = {};
   report->primitives = order.size();
   report->dropped = scene.gaussians.size() - order.size();
-  report->bytes_in = input->size();
+  report->input_profile = input->profile();
+  report->bytes_in = input->file_bytes();
   report->bytes_out = bytes.size();
   report->bytes_per_primitive =
       static_cast<double>(bytes.size()) / std::max<double>(1.0, static_cast<double>(order.size()));

@@ -129,16 +129,16 @@ bool consistent(const TrainState& state) {
 }  // namespace
 
 Status write_checkpoint(const std::string& path, const TrainState& state,
-                        const std::string& fingerprint) {
+                        const Fingerprint& fingerprint) {
   Writer writer;
   writer.bytes.assign(kMagic, kMagic + sizeof(kMagic));
-  writer.array(fingerprint);
+  writer.array(fingerprint_text(fingerprint));
   visit_state(state, writer);
   writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
   return write_file_atomically(path, writer.bytes);
 }
 
-Result<TrainState> read_checkpoint(const std::string& path, const std::string& fingerprint) {
+Result<Checkpoint> read_checkpoint(const std::string& path) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
   std::vector<std::uint8_t> bytes(source->size());
   STGS_TRY(source->read(0, bytes));
@@ -154,22 +154,20 @@ Result<TrainState> read_checkpoint(const std::string& path, const std::string& f
   }
   const std::span<const std::uint8_t> all(bytes);
   Reader reader(all.subspan(sizeof(kMagic), bytes.size() - sizeof(kMagic) - kHash));
-  std::string found;
-  reader.array(found);
-  TrainState state;
+  std::string text;
+  reader.array(text);
+  Checkpoint checkpoint;
+  TrainState& state = checkpoint.state;
   visit_state(state, reader);
   restore_derived(state);
   if (!reader.complete() || !consistent(state)) {
     return invalid_file("{}: the checkpoint's arrays do not fit together", path);
   }
   if (state.is_coupled()) state.derive_all(false);
-  if (found != fingerprint) {
-    return usage_error(
-        "{}: the checkpoint belongs to other settings or another capture; resume with those it was "
-        "made with\n  checkpoint: {}\n  now:        {}",
-        path, found, fingerprint);
-  }
-  return state;
+  Result<Fingerprint> fingerprint = read_fingerprint(text);
+  if (!fingerprint.ok()) return invalid_file("{}: {}", path, fingerprint.status().message());
+  checkpoint.fingerprint = *std::move(fingerprint);
+  return checkpoint;
 }
 
 }  // namespace stgs::encoder

@@ -6,16 +6,21 @@
 #include <string>
 
 #include "stgs/format/status.h"
+#include "train/fingerprint.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
 
-// Written to a temporary name and renamed. `fingerprint` names everything that the continuation
-// depends on: settings, seed, capture.
-Status write_checkpoint(const std::string& path, const TrainState& state,
-                        const std::string& fingerprint);
+struct Checkpoint {
+  TrainState state;
+  Fingerprint fingerprint;  // of the run that wrote it
+};
 
-// Refuses damage (kInvalidFile) and a checkpoint of other settings (kUsage).
-Result<TrainState> read_checkpoint(const std::string& path, const std::string& fingerprint);
+// Written to a temporary name and renamed.
+Status write_checkpoint(const std::string& path, const TrainState& state,
+                        const Fingerprint& fingerprint);
+
+// Refuses damage (kInvalidFile). Whether it belongs to the run, check_same_run says.
+Result<Checkpoint> read_checkpoint(const std::string& path);
 
 }  // namespace stgs::encoder

@@ -113,6 +113,22 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
           context.plain};
 }
 
+std::size_t growth_room(const HyperParameters& parameters, const DensifyContext& context,
+                        std::size_t present) {
+  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
+  const std::size_t room = most > present ? most - present : 0;
+  if (context.plain) return room;
+  return std::min(room,
+                  static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present)));
+}
+
+std::size_t replacement_room(const HyperParameters& parameters, std::size_t alive,
+                             std::size_t dead) {
+  const auto limit =
+      static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(alive + dead));
+  return std::min({dead, alive, limit});
+}
+
 std::size_t remove_broken(TrainState& state) {
   std::vector<std::uint32_t> kept;
   for (std::size_t i = 0; i < state.size(); ++i) {
@@ -145,13 +161,7 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
 
   std::vector<Candidate> candidates = growth_candidates(state, rules);
   const std::size_t present = state.size();
-  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
-  const std::size_t room = most > present ? most - present : 0;
-  const auto step =
-      context.plain
-          ? room
-          : static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
-  keep_most_urgent(candidates, std::min(room, step));
+  keep_most_urgent(candidates, growth_room(parameters, context, present));
   state.resize(present + candidates.size());
   Random random(context.seed, state.iteration, RandomPurpose::kDensify);
   for (std::size_t k = 0; k < candidates.size(); ++k) {
@@ -205,9 +215,7 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
   for (std::size_t i = 0; i < state.size(); ++i) {
     if (!alive[i]) dead.push_back(static_cast<std::uint32_t>(i));
   }
-  const auto limit =
-      static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(state.size()));
-  const std::size_t count = std::min({dead.size(), kept.size(), limit});
+  const std::size_t count = replacement_room(parameters, kept.size(), dead.size());
   const std::vector<float> scores = densification_scores(state, parameters, context.modulated);
   std::vector<std::uint32_t> best = kept;
   const auto by_score = [&scores](std::uint32_t a, std::uint32_t b) {

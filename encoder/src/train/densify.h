@@ -25,6 +25,13 @@ struct DensifyContext {
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
 
+// How many primitives may be added to the `present` ones in one step of growth.
+std::size_t growth_room(const HyperParameters& parameters, const DensifyContext& context,
+                        std::size_t present);
+// How many of the `dead` may be replaced in one step of the second stage, `alive` ones being left.
+std::size_t replacement_room(const HyperParameters& parameters, std::size_t alive,
+                             std::size_t dead);
+
 // First stage: clones what is small and pulled, splits what is large and pulled both ways, removes
 // what is nearly transparent or too large. Resets the statistics. A plain step is bounded by
 // max_primitives alone.

@@ -109,6 +109,26 @@ Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
   return {};
 }
 
+Status check_hyper_parameters(const HyperParameters& p) {
+  struct Limits {
+    const char* name;
+    double value, least, most;
+  };
+  const Limits all[] = {{"iterations", static_cast<double>(p.iterations), 1, 1e8},
+                        {"max_primitives", static_cast<double>(p.max_primitives), 1, 2e8},
+                        {"sh_degree", static_cast<double>(p.sh_degree), 0, 3},
+                        {"densify_interval", static_cast<double>(p.densify_interval), 1, 1e8},
+                        // Of 0 and 1 the logit is no number.
+                        {"initial_opacity", p.initial_opacity, 0.001, 0.999},
+                        {"initial_opacity_dynamic", p.initial_opacity_dynamic, 0.001, 0.999}};
+  for (const Limits& limits : all) {
+    if (limits.value >= limits.least && limits.value <= limits.most) continue;
+    return usage_error("the hyper-parameter {} is {}; it must be from {} to {}", limits.name,
+                       limits.value, limits.least, limits.most);
+  }
+  return {};
+}
+
 std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
     const HyperParameters& parameters) {
   std::vector<std::pair<std::string, std::string>> list;

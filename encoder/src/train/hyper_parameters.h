@@ -84,6 +84,8 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset);
 // Sets one by name; the error lists the names.
 Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
                            const std::string& value);
+// Whether a run can be made of them; the error names the value and its limits.
+Status check_hyper_parameters(const HyperParameters& parameters);
 // All names with their values.
 std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
     const HyperParameters& parameters);

@@ -50,9 +50,10 @@ Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
   return term;
 }
 
-Status PerceptualTerm::check_sizes(const TrainingImages& images) const {
+Status PerceptualTerm::check_sizes(const std::vector<Camera>& cameras) const {
   if (!on()) return {};
-  for (const Camera& camera : images.cameras()) {
+  for (const Camera& camera : cameras) {
+    if (camera.test) continue;
     const int shorter = std::min(camera.width, camera.height) / (half_sizes_ ? 2 : 1);
     if (shorter >= kVggSmallest) continue;
     return usage_error(
@@ -85,12 +86,6 @@ std::string PerceptualTerm::fingerprint() const {
 std::optional<PerceptualReport> PerceptualTerm::report() const {
   if (!on()) return std::nullopt;
   return PerceptualReport{file_, network_->linear, weight_, patch_};
-}
-
-Status check_perceptual(const std::string& weights, const std::string& backend) {
-  STGS_TRY(read_network(weights).status());
-  STGS_ASSIGN(const std::unique_ptr<TrainBackend> made, make_backend(backend));
-  return made->check_perceptual();
 }
 
 }  // namespace stgs::encoder

@@ -6,13 +6,13 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "backend/backend.h"
 #include "perceptual/vgg16.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/train.h"
 #include "train/hyper_parameters.h"
-#include "train/training_images.h"
 
 namespace stgs::encoder {
 
@@ -25,8 +25,8 @@ class PerceptualTerm {
                                        const TrainBackend& backend, const LogSink& log);
 
   bool on() const { return network_ != nullptr; }
-  // kUsage where a picture, also at half size where the run uses that, is too small.
-  Status check_sizes(const TrainingImages& images) const;
+  // kUsage where a training picture, also at half size where the run uses that, is too small.
+  Status check_sizes(const std::vector<Camera>& cameras) const;
   void plan(TrainPlan& plan) const;
   // For the step of this iteration, at this share of the run; the camera is set.
   void apply(std::uint64_t seed, std::uint64_t iteration, double share, StepInput& input) const;

@@ -2,11 +2,9 @@
 #include "train/trainer.h"
 
 #include <sys/resource.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "train/checkpoint.h"
@@ -50,26 +48,16 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
                                                  const ProgressSink& progress, const LogSink& log) {
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
-  STGS_ASSIGN(trainer->parameters_, preset_hyper_parameters(settings.preset));
-  if (settings.iterations > 0) trainer->parameters_.iterations = settings.iterations;
-  if (settings.max_primitives > 0) trainer->parameters_.max_primitives = settings.max_primitives;
-  for (const auto& [name, value] : settings.overrides) {
-    STGS_TRY(set_hyper_parameter(trainer->parameters_, name, value));
-  }
-  const HyperParameters& p = trainer->parameters_;
-  if (p.iterations < 1 || p.max_primitives < 1 || p.sh_degree > 3 || p.densify_interval < 1) {
-    return usage_error(
-        "iterations, max_primitives and densify_interval must be at least 1, sh_degree at most 3");
-  }
-  STGS_ASSIGN(trainer->ablation_, Ablation::from_names(settings.ablate));
-  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend));
-  STGS_ASSIGN(trainer->perceptual_,
-              PerceptualTerm::create(settings, p, *trainer->backend_, trainer->log_));
-  STGS_ASSIGN(trainer->images_, TrainingImages::load(capture, settings.frame_memory, progress));
-  STGS_TRY(trainer->perceptual_.check_sizes(trainer->images_));
-  trainer->order_ = ViewOrder(settings.seed, trainer->images_.views());
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
+  trainer->parameters_ = choice.parameters;
+  trainer->ablation_ = choice.ablation;
+  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log));
+  STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
+                                                           *trainer->backend_, trainer->log_));
+  STGS_TRY(trainer->perceptual_.check_sizes(capture.cameras));
   STGS_TRY(trainer->prepare_state());
   STGS_TRY(trainer->prepare_backend());
+  STGS_TRY(trainer->load_frames());
   if (!settings.log_path.empty()) {
     STGS_TRY(trainer->log_file_.open(settings.log_path, trainer->state_.iteration));
   }
@@ -80,9 +68,7 @@ Status Trainer::prepare_state() {
   if (settings_.resume.empty()) {
     STGS_ASSIGN(state_, initial_state(capture_, parameters_, ablation_, settings_.seed));
   } else {
-    STGS_ASSIGN(state_, read_checkpoint(settings_.resume, fingerprint()));
-    seconds_before_ = state_.seconds;
-    log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
+    STGS_TRY(resume());
   }
   if (settings_.held_out_measures > 0) {
     Result<HeldOutViews> held_out = HeldOutViews::load(capture_);
@@ -96,22 +82,33 @@ Status Trainer::prepare_state() {
   return {};
 }
 
-Status Trainer::prepare_backend() {
-  TrainPlan plan;
-  plan.primitives =
-      std::max(state_.size(), static_cast<std::size_t>(std::max(parameters_.max_primitives, 0)));
-  plan.sh_coefficients = state_.set.sh_coefficients();
-  for (const Camera& camera : images_.cameras()) {
-    plan.width = std::max(plan.width, camera.width);
-    plan.height = std::max(plan.height, camera.height);
+Status Trainer::resume() {
+  STGS_ASSIGN(Checkpoint checkpoint, read_checkpoint(settings_.resume));
+  STGS_TRY(check_same_run(settings_.resume, checkpoint.fingerprint, fingerprint()));
+  const std::string before = value_of(checkpoint.fingerprint, kBackendEntry);
+  if (before != backend_->name()) {
+    log_(1, fmt::format("{}: was made on {} and goes on on {}: to a scene as good, not to the same "
+                        "bits as an unbroken run",
+                        settings_.resume, before, backend_->name()));
   }
-  plan.coupled = state_.is_coupled();
-  plan.normals = with_normals();
+  state_ = std::move(checkpoint.state);
+  seconds_before_ = state_.seconds;
+  log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
+  return {};
+}
+
+Status Trainer::prepare_backend() {
   if (parameters_.weight_normal > 0 && !with_normals()) {
     log_(1, "L_n (weight_normal) is off: the coupled representation has no axes of its own");
   }
-  perceptual_.plan(plan);
   log_(2, fmt::format("training on {}", backend_->name()));
+  return backend_->reserve(train_plan({parameters_, ablation_}, perceptual_, capture_.cameras));
+}
+
+// Last, since it takes longest.
+Status Trainer::load_frames() {
+  STGS_ASSIGN(images_, TrainingImages::load(capture_, settings_.frame_memory, progress_));
+  order_ = ViewOrder(settings_.seed, images_.views());
   const FrameStatistics frames = images_.statistics();
   constexpr double kMib = 1 << 20;
   log_(2, frames.resident
@@ -119,29 +116,16 @@ Status Trainer::prepare_backend() {
                             static_cast<double>(frames.peak) / kMib)
               : fmt::format("{} frames come from disk, {:.0f} MiB of them are kept",
                             images_.views(), static_cast<double>(frames.budget) / kMib));
-  return backend_->reserve(plan);
+  return {};
 }
 
-std::string Trainer::fingerprint() const {
-  nlohmann::ordered_json json;
-  for (const auto& [name, value] : list_hyper_parameters(parameters_)) json[name] = value;
-  json["seed"] = settings_.seed;
-  json["ablate"] = settings_.ablate;
-  json["perceptual"] = perceptual_.fingerprint();
-  json["frames"] = capture_.frames;
-  json["first_frame"] = capture_.first_frame;
-  json["source"] = capture_.source;
-  json["max_seconds"] = settings_.max_seconds;
-  json["scene"] = {capture_.near_plane, capture_.extent, capture_.scene_radius};
-  for (const Camera& camera : images_.cameras()) {
-    std::vector<double> numbers = {camera.fx, camera.fy, camera.cx, camera.cy};
-    numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
-    numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
-    const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
-    json["cameras"].push_back(
-        fmt::format("{} {}x{} {:016x}", camera.name, camera.width, camera.height, hash));
-  }
-  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+Fingerprint Trainer::fingerprint() const {
+  Fingerprint all = fingerprint_of(parameters_, settings_);
+  const Fingerprint capture = fingerprint_of(capture_);
+  all.insert(all.end(), capture.begin(), capture.end());
+  all.emplace_back("perceptual weights", perceptual_.fingerprint());
+  all.emplace_back(kBackendEntry, backend_->name());
+  return all;
 }
 
 double Trainer::share() const {
@@ -283,21 +267,30 @@ Status Trainer::measure_held_out() {
   STGS_TRY(read_steps());
   const Clock::time_point begin = Clock::now();
   STGS_TRY(backend_->synchronise());
-  try {
-    score_ = held_out_.measure(state_.set);
+  if (measure_held_out_now()) {
     log_file_.write(LoggedMeasure{state_.iteration, state_.seconds, *score_});
-  } catch (const std::length_error& error) {
-    log_(1, fmt::format("iteration {}: held-out views could not be drawn: {}", state_.iteration,
-                        error.what()));
   }
   started_ += Clock::now() - begin;
   return {};
+}
+
+bool Trainer::measure_held_out_now() {
+  try {
+    score_ = held_out_.measure(state_.set);
+    return true;
+  } catch (const std::length_error& error) {
+    log_(1, fmt::format("iteration {}: held-out views could not be drawn: {}", state_.iteration,
+                        error.what()));
+    return false;
+  }
 }
 
 Status Trainer::run() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
   STGS_TRY(backend_->begin(state_));
+  // A run that had ended before has its last measure in the log, and nowhere else.
+  if (finished() && !held_out_.empty()) (void)measure_held_out_now();
   while (!finished()) {
     const Result<StepInput> input = step_input();
     if (!input.ok()) {
@@ -359,11 +352,6 @@ TrainReport Trainer::report() const {
   report.frames = images_.statistics();
   report.parameters = list_hyper_parameters(parameters_);
   return report;
-}
-
-Status check_train_backend(const std::string& backend) {
-  // "auto" always finds one.
-  return backend == "auto" ? Status() : make_backend(backend).status();
 }
 
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,

@@ -10,10 +10,12 @@
 
 #include "backend/backend.h"
 #include "stgs/encoder/train.h"
+#include "train/fingerprint.h"
 #include "train/hyper_parameters.h"
 #include "train/initial_state.h"
 #include "train/log_writer.h"
 #include "train/perceptual_term.h"
+#include "train/training_choice.h"
 #include "train/training_images.h"
 #include "train/view_order.h"
 
@@ -37,8 +39,10 @@ class Trainer {
           LogSink log);
 
   Status prepare_state();
+  Status resume();
   Status prepare_backend();
-  std::string fingerprint() const;
+  Status load_frames();
+  Fingerprint fingerprint() const;
   // Share of the schedule that is done, [0, 1].
   double share() const;
   bool finished() const { return share() >= 1.0; }
@@ -60,6 +64,8 @@ class Trainer {
   void write_log();
   // Measures the held-out views where one is due; the clock of training stands still meanwhile.
   Status measure_held_out();
+  // Into score_; false, and a warning, where they cannot be drawn.
+  bool measure_held_out_now();
   int measures_due() const;
 
   PreparedCapture capture_;

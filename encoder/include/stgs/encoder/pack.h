@@ -16,6 +16,7 @@ struct PackSettings {
 };
 
 struct PackReport {
+  Profile input_profile = Profile::kLossless;
   std::uint64_t primitives = 0;  // written
   std::uint64_t dropped = 0;     // never visible within the clip
   std::uint64_t bytes_in = 0, bytes_out = 0;
@@ -28,7 +29,9 @@ struct PackReport {
 
 // Reads a scene, writes it quantised (atomically), decodes the result and reports its errors;
 // `report` may be null. Stage "pack"; where `progress` says to stop, nothing is written (kRuntime).
+// A scene that is quantised already is packed with a warning: its errors stay, new ones come.
 Status pack(const std::string& scene_path, const std::string& output_path,
-            const PackSettings& settings, PackReport* report, const ProgressSink& progress = {});
+            const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
+            const LogSink& log = {});
 
 }  // namespace stgs::encoder

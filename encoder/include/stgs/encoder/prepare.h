@@ -2,6 +2,7 @@
 // From a capture in a layout that people already have to a prepared capture (paper 3.3).
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -20,11 +21,14 @@ struct PrepareSettings {
   std::vector<std::string> test_cameras;  // names; empty: the layout's own split
   bool default_test_cameras = true;       // false: hold out exactly test_cameras, even none
   double fps = 0;               // for folders of pictures; 0: what the layout says, else 30
-  bool separate_motion = true;  // false: no dynamic/static split (paper's ablation)
+  bool separate_motion = true;  // false: one cloud from the first frame, all of it static
   int max_dynamic_points = 0;   // a frame; 0: chosen from the image size
   int max_static_points = 0;    // 0: chosen from the image size
   std::uint64_t seed = 1;
   bool overwrite = false;  // replace an existing prepared capture at the target
+  // Asked once the cameras, the pictures' sizes and the frames are known, before the long work; an
+  // error ends it.
+  std::function<Status(const PreparedCapture&)> accept;
 };
 
 // Layout name on the command line <-> value.

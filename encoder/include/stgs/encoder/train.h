@@ -76,11 +76,10 @@ Result<Scene> train(const PreparedCapture& capture, const TrainSettings& setting
 
 // The backends that this build can train with, whatever the machine has.
 std::vector<std::string> train_backends();
-// Whether this build and machine have the backend of TrainSettings::backend; else what to do.
-Status check_train_backend(const std::string& backend);
-
-// Whether such a file of weights can be used with the backend here; else what to do.
-Status check_perceptual(const std::string& weights, const std::string& backend);
+// What train() would refuse, found before long work: settings, weights of the perceptual loss, the
+// backend and its memory, and a checkpoint that is damaged or of other settings. `capture` may be
+// null; its cameras say what memory the pictures take, and nothing but them is looked at.
+Status check_training(const TrainSettings& settings, const PreparedCapture* capture);
 
 // The parts of the paper's method that TrainSettings::ablate leaves out.
 std::vector<std::string> ablation_names();

@@ -28,8 +28,7 @@ StepOutput output_of(const StepRecord& record) {
 }
 
 Status device_problem(const char* text) {
-  return unsupported("training with CUDA needs an NVIDIA GPU and its driver: {}; use --backend cpu",
-                     text);
+  return unsupported("training with CUDA needs an NVIDIA GPU and its driver: {}", text);
 }
 
 }  // namespace
@@ -37,6 +36,8 @@ Status device_problem(const char* text) {
 Status CudaBackend::create() {
   int count = 0;
   if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess) {
+    // The runtime says the same of a missing driver as of one that is too old.
+    if (error == cudaErrorInsufficientDriver) return device_problem("no driver, or too old a one");
     return device_problem(cudaGetErrorString(error));
   }
   if (count == 0) return device_problem("no device found");
@@ -48,7 +49,7 @@ Status CudaBackend::create() {
     (void)cudaGetLastError();
     return unsupported(
         "this build has no code for the {} (compute capability {}.{}): build again with "
-        "-DCMAKE_CUDA_ARCHITECTURES={}{}, or use --backend cpu",
+        "-DCMAKE_CUDA_ARCHITECTURES={}{}",
         properties.name, properties.major, properties.minor, properties.major, properties.minor);
   }
   STGS_TRY(stream_.create());

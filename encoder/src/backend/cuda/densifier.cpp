@@ -74,13 +74,8 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.kept, kAllBits, stream);
   STGS_ASSIGN(totals, read_totals(stream));
   const std::size_t present = state.primitives().n;
-  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
-  const std::size_t room = most > present ? most - present : 0;
-  const auto step =
-      context.plain
-          ? room
-          : static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present));
-  const std::size_t chosen = std::min<std::size_t>({totals.candidates, room, step});
+  const std::size_t chosen =
+      std::min<std::size_t>(totals.candidates, growth_room(parameters, context, present));
   launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen),
                 w.tile_counts, w.depth_keys, totals_.data(), stream);
   sum_before(w, w.tile_counts, w.tile_offsets, present, stream);
@@ -117,9 +112,8 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   sum_before(w, w.tile_counts, w.tile_offsets, p.n, stream);
   launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
-  const auto limit = static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(p.n));
   counts.broken = totals.broken;
-  counts.replaced = std::min<std::size_t>({p.n - totals.kept, totals.kept, limit});
+  counts.replaced = replacement_room(parameters, totals.kept, p.n - totals.kept);
   launch_replace(p, w.order, dead, static_cast<std::uint32_t>(counts.replaced),
                  {context.seed, iteration}, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "replacing primitives"));

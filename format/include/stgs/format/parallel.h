@@ -8,9 +8,9 @@
 #include <cstddef>
 #include <optional>
 
-#ifdef __SANITIZE_THREAD__
 #include <tbb/global_control.h>
 
+#ifdef __SANITIZE_THREAD__
 #include <atomic>
 #include <exception>
 #include <mutex>
@@ -115,7 +115,9 @@ void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
 #else
 
 inline int concurrency() {
-  return tbb::this_task_arena::max_concurrency();
+  using Control = tbb::global_control;
+  const auto limit = Control::active_value(Control::max_allowed_parallelism);
+  return std::min(tbb::this_task_arena::max_concurrency(), static_cast<int>(limit));
 }
 
 template <typename Index, typename Body>

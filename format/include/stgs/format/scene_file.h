@@ -23,6 +23,9 @@ enum class Profile : std::uint16_t {
   kQuantised = 1,  // bounded error, Morton order, zstd a stream
 };
 
+// "lossless" or "quantised".
+const char* profile_name(Profile profile);
+
 // A pinhole camera to start playback from; world-to-camera, OpenCV axes.
 struct StartCamera {
   float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major

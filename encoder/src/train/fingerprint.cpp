@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/fingerprint.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace stgs::encoder {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::size_t kDifferencesShown = 12;
+
+const std::string* find(const Fingerprint& fingerprint, const std::string& name) {
+  const auto entry = std::find_if(fingerprint.begin(), fingerprint.end(),
+                                  [&name](const auto& e) { return e.first == name; });
+  return entry == fingerprint.end() ? nullptr : &entry->second;
+}
+
+}  // namespace
+
+Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSettings& settings) {
+  Fingerprint out = list_hyper_parameters(parameters);
+  out.emplace_back("seed", fmt::format("{}", settings.seed));
+  out.emplace_back("ablate", settings.ablate.empty() ? "nothing" : settings.ablate);
+  out.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
+  return out;
+}
+
+Fingerprint fingerprint_of(const PreparedCapture& capture) {
+  Fingerprint out = {{"frames", fmt::format("{}", capture.frames)},
+                     {"first_frame", fmt::format("{}", capture.first_frame)},
+                     {"layout", capture.source},
+                     {"near_plane", fmt::format("{}", capture.near_plane)},
+                     {"extent", fmt::format("{}", capture.extent)},
+                     {"scene_radius", fmt::format("{}", capture.scene_radius)}};
+  for (const Camera& camera : capture.cameras) {
+    if (camera.test) continue;
+    std::vector<double> numbers = {camera.fx, camera.fy, camera.cx, camera.cy};
+    numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
+    numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
+    const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
+    out.emplace_back("camera " + camera.name,
+                     fmt::format("{}x{}, calibration {:016x}", camera.width, camera.height, hash));
+  }
+  return out;
+}
+
+std::string fingerprint_text(const Fingerprint& fingerprint) {
+  Json json = Json::object();
+  for (const auto& [name, value] : fingerprint) json[name] = value;
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+Result<Fingerprint> read_fingerprint(const std::string& text) {
+  const Json json = Json::parse(text, nullptr, false);
+  if (!json.is_object()) return invalid_file("does not say what it belongs to");
+  Fingerprint out;
+  for (const auto& [name, value] : json.items()) {
+    out.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
+  }
+  return out;
+}
+
+std::string value_of(const Fingerprint& fingerprint, const std::string& name) {
+  const std::string* value = find(fingerprint, name);
+  return value == nullptr ? "" : *value;
+}
+
+Status check_same_run(const std::string& path, const Fingerprint& found, const Fingerprint& now) {
+  std::string list;
+  std::size_t count = 0;
+  for (const auto& [name, value] : now) {
+    const std::string* before = find(found, name);
+    if (name == kBackendEntry || (before != nullptr && *before == value)) continue;
+    if (++count > kDifferencesShown) continue;
+    list +=
+        fmt::format("\n  {}: {}, now {}", name, before == nullptr ? "not there" : *before, value);
+  }
+  if (count == 0) return {};
+  if (count > kDifferencesShown) list += fmt::format("\n  and {} more", count - kDifferencesShown);
+  return usage_error(
+      "{}: the checkpoint belongs to another run; resume it with the settings and the capture that "
+      "it was made with. What differs, the checkpoint's first:{}",
+      path, list);
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/training_choice.h"
+
+#include <algorithm>
+
+#include "stgs/format/math/sh.h"
+#include "train/checkpoint.h"
+
+namespace stgs::encoder {
+
+Result<TrainingChoice> choose_training(const TrainSettings& settings) {
+  TrainingChoice choice;
+  STGS_ASSIGN(choice.parameters, preset_hyper_parameters(settings.preset));
+  if (settings.iterations > 0) choice.parameters.iterations = settings.iterations;
+  if (settings.max_primitives > 0) choice.parameters.max_primitives = settings.max_primitives;
+  for (const auto& [name, value] : settings.overrides) {
+    STGS_TRY(set_hyper_parameter(choice.parameters, name, value));
+  }
+  STGS_TRY(check_hyper_parameters(choice.parameters));
+  STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
+  return choice;
+}
+
+TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& perceptual,
+                     const std::vector<Camera>& cameras) {
+  TrainPlan plan;
+  plan.primitives = static_cast<std::size_t>(choice.parameters.max_primitives);
+  plan.sh_coefficients = math::sh_coefficients(choice.parameters.sh_degree);
+  plan.width = plan.height = 1;
+  for (const Camera& camera : cameras) {
+    if (camera.test) continue;
+    plan.width = std::max(plan.width, camera.width);
+    plan.height = std::max(plan.height, camera.height);
+  }
+  plan.coupled = !choice.ablation.representation;
+  plan.normals = choice.parameters.weight_normal > 0 && !plan.coupled;
+  perceptual.plan(plan);
+  return plan;
+}
+
+Status check_training(const TrainSettings& settings, const PreparedCapture* capture) {
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
+  const auto silent = [](int, const std::string&) {};
+  STGS_ASSIGN(const PerceptualTerm perceptual,
+              PerceptualTerm::create(settings, choice.parameters, *backend, silent));
+  const std::vector<Camera> cameras = capture == nullptr ? std::vector<Camera>() : capture->cameras;
+  STGS_TRY(perceptual.check_sizes(cameras));
+  if (!settings.resume.empty()) {
+    STGS_ASSIGN(const Checkpoint checkpoint, read_checkpoint(settings.resume));
+    STGS_TRY(check_same_run(settings.resume, checkpoint.fingerprint,
+                            fingerprint_of(choice.parameters, settings)));
+  }
+  return backend->reserve(train_plan(choice, perceptual, cameras));
+}
+
+}  // namespace stgs::encoder
