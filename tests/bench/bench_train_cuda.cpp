@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A step of the CUDA training backend: milliseconds in all and a stage, by primitives and pixels.
 // Usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
-//                         [weight_normal=0]
+//                         [weight_normal=0] [perceptual=PATCH]
+// PATCH: pixels a side, 0: whole pictures; VGG16 has random weights then.
 // Prints one JSON line a case. Scenes are random and opaque like a trained one: primitives get
 // smaller as their number grows and larger in pixels with the picture.
 #include <algorithm>
@@ -12,6 +13,7 @@
 
 #include "backend/cuda/cuda_backend.h"
 #include "train_scene.h"
+#include "vgg_fixture.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -27,6 +29,7 @@ struct Case {
 struct Settings {
   int steps = 60, sh_degree = 2;
   float weight_normal = 0;
+  int patch = -1;  // of the perceptual loss; -1: off
 };
 
 using Clock = std::chrono::steady_clock;
@@ -81,6 +84,11 @@ Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& sett
     // The scene stays as it is.
     input.rates = {};
     input.rate_sh0 = input.rate_colour = 0.0f;
+    if (settings.patch >= 0) {
+      Random random(1, static_cast<std::uint64_t>(s), RandomPurpose::kPatch);
+      input.weight_perceptual = 0.01f;
+      input.patch = random_patch(c.width, c.height, settings.patch, random);
+    }
     STGS_TRY(backend.step(input));
   }
   STGS_ASSIGN(const std::vector<StepOutput> outputs, backend.read());
@@ -101,7 +109,12 @@ Status measure(const Case& c, const Settings& settings) {
   cudaMemGetInfo(&free_before, &total);
   cuda::CudaBackend backend;
   STGS_TRY(backend.create());
-  STGS_TRY(backend.reserve({state.size(), state.set.sh_coefficients(), c.width, c.height}));
+  TrainPlan plan{state.size(), state.set.sh_coefficients(), c.width, c.height};
+  if (settings.patch >= 0) {
+    plan.perceptual = std::make_shared<Vgg16>(random_vgg16(1, true));
+    plan.perceptual_patch = settings.patch;
+  }
+  STGS_TRY(backend.reserve(plan));
   Clock::time_point start = Clock::now();
   STGS_TRY(backend.begin(state));
   STGS_TRY(backend.synchronise());
@@ -152,6 +165,7 @@ int main(int argc, char** argv) {
     if (std::sscanf(argv[i], "steps=%d", &settings.steps) == 1 ||
         std::sscanf(argv[i], "sh_degree=%d", &settings.sh_degree) == 1 ||
         std::sscanf(argv[i], "weight_normal=%f", &settings.weight_normal) == 1 ||
+        std::sscanf(argv[i], "perceptual=%d", &settings.patch) == 1 ||
         std::sscanf(argv[i], "size=%dx%d", &only.width, &only.height) == 2)
       continue;
     if (std::sscanf(argv[i], "primitives=%llu", &n) == 1) {

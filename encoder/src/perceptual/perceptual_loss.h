@@ -17,9 +17,6 @@
 
 namespace stgs::encoder {
 
-// Added to a pixel's squared length of features before its root is taken.
-inline constexpr float kVggEpsilon = 1e-10f;
-
 // Keeps its working memory from call to call. Results do not depend on the number of threads. One
 // call at a time an object.
 class PerceptualLoss {

@@ -23,6 +23,7 @@ StepOutput output_of(const StepRecord& record) {
   output.l1 = record.l1;
   output.ssim = record.ssim;
   output.normal = record.normal;
+  output.perceptual = record.perceptual;
   output.visible = record.visible;
   return output;
 }
@@ -60,10 +61,6 @@ Status CudaBackend::create() {
   return {};
 }
 
-Status CudaBackend::check_perceptual() const {
-  return not_built("the perceptual loss does not work with CUDA in this build; use --backend cpu");
-}
-
 Status CudaBackend::reserve(const TrainPlan& plan) {
   if (plan.coupled) {
     return unsupported("the ablation 'representation' does not train with CUDA; use --backend cpu");
@@ -74,16 +71,30 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   const std::size_t step_bytes =
       StepPipeline::bytes(plan.primitives, pixels, instances, plan.normals);
   const std::size_t few_pictures = 16 * pixels;
+  pipeline_.set_perceptual(nullptr);
+  std::unique_ptr<PerceptualNetwork> perceptual;
+  std::size_t perceptual_bytes = 0;
+  const Patch patch = patch_size(plan.width, plan.height, plan.perceptual_patch);
+  if (plan.perceptual) {
+    STGS_ASSIGN(perceptual, make_perceptual_network(plan.perceptual));
+    STGS_ASSIGN(perceptual_bytes, perceptual->bytes(patch.width, patch.height));
+  }
   std::size_t free = 0, total = 0;
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
-  const double need = static_cast<double>(state_bytes + step_bytes + few_pictures);
+  const double need =
+      static_cast<double>(state_bytes + step_bytes + few_pictures + perceptual_bytes);
   if (need > static_cast<double>(free)) {
     return unsupported(
         "training {} primitives on {}x{} pictures needs {} of GPU memory, and {} of {} are free: "
-        "use fewer primitives (--max-primitives) or smaller frames, or --backend cpu",
+        "use fewer primitives (--max-primitives) or smaller frames{}, or --backend cpu",
         plan.primitives, plan.width, plan.height, bytes_text(need),
-        bytes_text(static_cast<double>(free)), bytes_text(static_cast<double>(total)));
+        bytes_text(static_cast<double>(free)), bytes_text(static_cast<double>(total)),
+        perceptual ? fmt::format(", or a smaller perceptual_patch ({} of it)",
+                                 bytes_text(static_cast<double>(perceptual_bytes)))
+                   : "");
   }
+  if (perceptual) STGS_TRY(perceptual->reserve(patch.width, patch.height));
+  pipeline_.set_perceptual(std::move(perceptual));
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients));
   STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
                              stream_));

@@ -26,7 +26,7 @@ class CudaBackend final : public TrainBackend {
   // Sets up the first device; kUnsupported where there is none.
   Status create();
 
-  Status check_perceptual() const override;
+  Status check_perceptual() const override { return check_perceptual_network(); }
   Status reserve(const TrainPlan& plan) override;
   Status begin(TrainState& state) override;
   Status step(const StepInput& input) override;

@@ -13,7 +13,7 @@ constexpr int kMapSize = 12;
 struct FinishArguments {
   Counters* counters;
   const float *loss_sums, *ssim_sums, *normal_sums;  // the last: null where L_n is off
-  const double* regulariser_sums;
+  const double *regulariser_sums, *perceptual;
   std::uint32_t loss_blocks, update_blocks;
   double values;  // pixels times channels
   LossWeights weights;
@@ -60,8 +60,9 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
   record.l1 = sums[0] / a.values;
   record.ssim = sums[kLossSums] / a.values;
   record.normal = 3.0 * sums[kLossSums + 1] / a.values;
+  record.perceptual = a.weights.perceptual > 0 ? *a.perceptual : 0.0;
   record.loss = a.weights.l1 * record.l1 + a.weights.ssim * (1.0 - record.ssim) +
-                a.weights.normal * record.normal;
+                a.weights.normal * record.normal + a.weights.perceptual * record.perceptual;
   if (record.visible > 0) record.loss += sums[kFloatQuantities] / record.visible;
   *a.record = record;
   a.counters->instances = 0;
@@ -112,6 +113,7 @@ void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights
                                   w.ssim_sums,
                                   view.planes ? w.normal_sums : nullptr,
                                   w.regulariser_sums,
+                                  w.perceptual,
                                   static_cast<std::uint32_t>(loss_blocks(view.width, view.height)),
                                   static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock)),
                                   3.0 * view.width * view.height,

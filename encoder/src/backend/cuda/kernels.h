@@ -79,7 +79,7 @@ struct Counters {
 
 // What a step leaves for the host.
 struct StepRecord {
-  double loss, l1, ssim, normal;
+  double loss, l1, ssim, normal, perceptual;
   unsigned long long instances;
   std::uint32_t visible, overflow;
 };
@@ -114,6 +114,7 @@ struct Workspace {
   float* ssim_sums = nullptr;                 // B
   float* loss_sums = nullptr;                 // kLossSums x B
   double* regulariser_sums = nullptr;         // one a block of the update
+  const double* perceptual = nullptr;         // L_lpips of the step, where it is on
   // Where L_n is on. A plane (math/surface.h) or a gradient by one: normal x, y, z, distance.
   float4* planes = nullptr;               // N; only those of visible primitives are set
   float4* surface = nullptr;              // W x H, the planes' blend
@@ -139,7 +140,7 @@ inline std::size_t segment_count(std::size_t instances, std::size_t tiles) {
 }
 
 struct LossWeights {
-  float l1, ssim, normal;
+  float l1, ssim, normal, perceptual;
 };
 
 struct UpdateSettings {

@@ -176,12 +176,35 @@ Status StepPipeline::clear_overflow(cudaStream_t stream) {
                      "clearing the counters");
 }
 
+void StepPipeline::set_perceptual(std::unique_ptr<PerceptualNetwork> network) {
+  perceptual_ = std::move(network);
+  workspace_.perceptual = perceptual_ ? perceptual_->value() : nullptr;
+}
+
+Status StepPipeline::enqueue_perceptual(const StepInput& input, const View& view,
+                                        const std::uint8_t* truth, const float* colour_map,
+                                        cudaStream_t stream) {
+  PerceptualStep step;
+  step.picture = workspace_.picture;
+  step.truth = truth;
+  step.colour_map = colour_map;
+  step.width = view.width;
+  step.patch = input.patch;
+  step.weight = input.weight_perceptual;
+  step.d_picture = workspace_.d_picture;
+  // Those of the first block of the image loss, which come after its L1.
+  step.map_stride = loss_blocks(view.width, view.height);
+  step.map_sums = workspace_.loss_sums + step.map_stride;
+  return perceptual_->enqueue(step, stream);
+}
+
 Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
                              const std::uint8_t* truth, std::size_t instances, StepRecord* record,
                              cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
   const View view = view_of(input, primitives.sh_coefficients);
-  const LossWeights weights{input.weight_l1, input.weight_ssim, input.weight_normal};
+  const LossWeights weights{input.weight_l1, input.weight_ssim, input.weight_normal,
+                            input.weight_perceptual};
   const auto index = static_cast<std::uint32_t>(input.colour_index);
   const float* map = state.colour().map + kIdentityColour.size() * input.colour_index;
   const Workspace& w = workspace_;
@@ -194,6 +217,10 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("blend");
   launch_image_loss(view, truth, map, weights, w, stream);
   stage("image_loss");
+  if (input.weight_perceptual > 0) {
+    STGS_TRY(enqueue_perceptual(input, view, truth, map, stream));
+    stage("perceptual");
+  }
   if (view.planes) {
     launch_normal_loss(view, truth, input.weight_normal, w, stream);
     stage("normal_loss");

@@ -8,6 +8,7 @@
 #include "backend/cuda/device_state.h"
 #include "backend/cuda/kernels.h"
 #include "backend/cuda/memory.h"
+#include "backend/cuda/perceptual_network.h"
 
 namespace stgs::encoder::cuda {
 
@@ -29,6 +30,8 @@ class StepPipeline {
   // mapped host memory as the device addresses it.
   Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* truth,
                  std::size_t instances, StepRecord* record, cudaStream_t stream);
+  // For steps with a perceptual loss; reserved for their patches. Null: there are none.
+  void set_perceptual(std::unique_ptr<PerceptualNetwork> network);
   // Lets steps change the state again after an overflow.
   Status clear_overflow(cudaStream_t stream);
 
@@ -42,11 +45,15 @@ class StepPipeline {
   Status reserve_instances(std::size_t n);
   Status reserve_segments();
   Status reserve_planes();
+  // After the image loss.
+  Status enqueue_perceptual(const StepInput& input, const View& view, const std::uint8_t* truth,
+                            const float* colour_map, cudaStream_t stream);
   void stage(const char* name) {
     if (observer_) observer_(name);
   }
 
   StageObserver observer_;
+  std::unique_ptr<PerceptualNetwork> perceptual_;
   Workspace workspace_;
   DeviceArray<Counters> counters_;
   DeviceArray<std::uint32_t> iota_;

@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/perceptual_kernels.h"
+
+#include <algorithm>
+
+#include "backend/cuda/device.cuh"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr int kThreads = 256;
+constexpr int kWarps = kThreads / 32;
+
+__device__ constexpr float kMean[3] = {kVggMean[0], kVggMean[1], kVggMean[2]};
+__device__ constexpr float kInverse[3] = {1.0f / kVggDeviation[0], 1.0f / kVggDeviation[1],
+                                          1.0f / kVggDeviation[2]};
+
+int grid(std::size_t items, int block) {
+  return std::min(blocks_of(items, block), kVggBlocks);
+}
+
+// Index into the picture of pixel q of the patch.
+__device__ std::size_t picture_index(const PerceptualStep& step, std::size_t q) {
+  const std::size_t x = q % step.patch.width, y = q / step.patch.width;
+  return (step.patch.y + y) * step.width + step.patch.x + x;
+}
+
+// Of all threads' values, in the order of their warps; for thread 0.
+__device__ float block_sum(float x) {
+  __shared__ float sums[kWarps];
+  x = warp_sum(x);
+  __syncthreads();
+  if ((threadIdx.x & 31) == 0) sums[threadIdx.x / 32] = x;
+  __syncthreads();
+  float sum = 0.0f;
+  for (float s : sums) sum += s;
+  return sum;
+}
+
+__global__ void __launch_bounds__(kThreads)
+    load_input(const PerceptualStep step, std::size_t pixels, float4* input) {
+  const std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
+  if (q >= pixels) return;
+  const std::size_t at = picture_index(step, q);
+  const float4 colour = step.picture[at];
+  float shown[3], truth[3];
+#pragma unroll
+  for (int c = 0; c < 3; ++c) {
+    const float* row = step.colour_map + 3 * c;
+    const float x =
+        row[0] * colour.x + row[1] * colour.y + row[2] * colour.z + step.colour_map[9 + c];
+    shown[c] = (x - kMean[c]) * kInverse[c];
+    const float y = static_cast<float>(step.truth[3 * at + c]) * (1.0f / 255.0f);
+    truth[c] = (y - kMean[c]) * kInverse[c];
+  }
+  input[q] = make_float4(shown[0], shown[1], shown[2], 0.0f);
+  input[pixels + q] = make_float4(truth[0], truth[1], truth[2], 0.0f);
+}
+
+// As fmaxf, but what is not a number stays so.
+__device__ float larger(float a, float b) {
+  return a > b || isnan(a) ? a : b;
+}
+
+__device__ float4 larger(const float4& a, const float4& b) {
+  return make_float4(larger(a.x, b.x), larger(a.y, b.y), larger(a.z, b.z), larger(a.w, b.w));
+}
+
+// Four channels of a pixel a thread; blockIdx.y: which picture.
+__global__ void __launch_bounds__(kThreads)
+    pool(const float4* features, int width, int height, int quads, float4* pooled) {
+  const int out_width = width / 2, out_height = height / 2;
+  const std::size_t n = std::size_t{1} * out_width * out_height * quads;
+  const std::size_t k = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
+  if (k >= n) return;
+  const std::size_t quad = k % quads, x = k / quads % out_width, y = k / quads / out_width;
+  const std::size_t row = std::size_t{1} * width * quads;
+  const float4* from = features + blockIdx.y * (row * height) + 2 * y * row + 2 * x * quads + quad;
+  pooled[blockIdx.y * n + k] =
+      larger(larger(from[0], from[quads]), larger(from[row], from[row + quads]));
+}
+
+__global__ void __launch_bounds__(kThreads)
+    relu_backward(const float4* features, std::size_t n, float4* gradient) {
+  const std::size_t k = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
+  if (k >= n) return;
+  const float4 f = features[k];
+  float4 d = gradient[k];
+  d.x = f.x > 0.0f ? d.x : 0.0f;
+  d.y = f.y > 0.0f ? d.y : 0.0f;
+  d.z = f.z > 0.0f ? d.z : 0.0f;
+  d.w = f.w > 0.0f ? d.w : 0.0f;
+  gradient[k] = d;
+}
+
+// The gradient that the pooling hands to channel c of pixel (x, y), whose feature is f: all of its
+// window's to the first of the largest, row by row.
+__device__ float pool_backward(const TapBackward& tap, int x, int y, int c, float f) {
+  const int out_width = tap.size.width / 2, out_height = tap.size.height / 2;
+  if (tap.d_pooled == nullptr || x / 2 >= out_width || y / 2 >= out_height) return 0.0f;
+  const std::size_t channels = tap.size.channels;
+  const std::size_t at = (std::size_t{1} * (y / 2) * out_width + x / 2) * channels + c;
+  const float largest = tap.pooled[at];
+  if (f != largest) return 0.0f;
+  const std::size_t row = tap.size.width * channels;
+  const float* window = tap.features + (y & ~1) * row + (x & ~1) * channels + c;
+  const int own = (y & 1) * 2 + (x & 1);
+  if (own > 0 && window[0] == largest) return 0.0f;
+  if (own > 1 && window[channels] == largest) return 0.0f;
+  if (own > 2 && window[row] == largest) return 0.0f;
+  return tap.d_pooled[at];
+}
+
+// A warp a pixel.
+template <int kChannels>
+__global__ void __launch_bounds__(kThreads)
+    tap_backward(const TapBackward tap, std::size_t pixels, float inverse_pixels) {
+  constexpr int kOwn = kChannels / 32;  // of a thread: its lane and every 32nd from there
+  const int lane = static_cast<int>(threadIdx.x & 31);
+  const std::size_t warps = std::size_t{gridDim.x} * kWarps;
+  float w[kOwn];
+#pragma unroll
+  for (int k = 0; k < kOwn; ++k) w[k] = tap.weights[lane + 32 * k];
+  float share = 0.0f;
+  for (std::size_t q = std::size_t{blockIdx.x} * kWarps + threadIdx.x / 32; q < pixels;
+       q += warps) {
+    const float* shown = tap.features + q * kChannels + lane;
+    const float* truth = shown + pixels * kChannels;
+    float a[kOwn], b[kOwn], square_a = 0.0f, square_b = 0.0f;
+#pragma unroll
+    for (int k = 0; k < kOwn; ++k) {
+      a[k] = shown[32 * k];
+      b[k] = truth[32 * k];
+      square_a = fmaf(a[k], a[k], square_a);
+      square_b = fmaf(b[k], b[k], square_b);
+    }
+    const float scale_a = 1.0f / sqrtf(warp_sum(square_a) + kVggEpsilon);
+    const float scale_b = 1.0f / sqrtf(warp_sum(square_b) + kVggEpsilon);
+    float sum = 0.0f, along = 0.0f;
+#pragma unroll
+    for (int k = 0; k < kOwn; ++k) {
+      const float difference = a[k] * scale_a - b[k] * scale_b;
+      sum = fmaf(w[k] * difference, difference, sum);
+      along = fmaf(w[k] * difference, a[k] * scale_a, along);
+    }
+    share += sum;
+    along = warp_sum(along);
+    const float scale = 2.0f * tap.weight * inverse_pixels * scale_a;
+    const int x = static_cast<int>(q % tap.size.width), y = static_cast<int>(q / tap.size.width);
+    float* gradient = tap.gradient + q * kChannels + lane;
+#pragma unroll
+    for (int k = 0; k < kOwn; ++k) {
+      const float normalised = a[k] * scale_a, difference = normalised - b[k] * scale_b;
+      const float own = scale * (w[k] * difference - along * normalised);
+      const float from_pool = pool_backward(tap, x, y, lane + 32 * k, a[k]);
+      gradient[32 * k] = a[k] > 0.0f ? own + from_pool : 0.0f;
+    }
+  }
+  share = block_sum(share);
+  if (threadIdx.x == 0) tap.sums[blockIdx.x] = share * inverse_pixels;
+}
+
+__global__ void __launch_bounds__(kThreads)
+    add_gradient(const PerceptualStep step, std::size_t pixels, const float4* gradient,
+                 float* map_parts) {
+  float map[9], by_map[kMapGradients] = {};
+#pragma unroll
+  for (int k = 0; k < 9; ++k) map[k] = step.colour_map[k];
+  for (std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x; q < pixels;
+       q += std::size_t{gridDim.x} * kThreads) {
+    const std::size_t at = picture_index(step, q);
+    const float4 colour = step.picture[at], d = gradient[q];
+    const float g[3] = {d.x * kInverse[0], d.y * kInverse[1], d.z * kInverse[2]};
+    float4 sum = step.d_picture[at];
+    sum.x += map[0] * g[0] + map[3] * g[1] + map[6] * g[2];
+    sum.y += map[1] * g[0] + map[4] * g[1] + map[7] * g[2];
+    sum.z += map[2] * g[0] + map[5] * g[1] + map[8] * g[2];
+    step.d_picture[at] = sum;
+#pragma unroll
+    for (int c = 0; c < 3; ++c) {
+      by_map[3 * c] = fmaf(g[c], colour.x, by_map[3 * c]);
+      by_map[3 * c + 1] = fmaf(g[c], colour.y, by_map[3 * c + 1]);
+      by_map[3 * c + 2] = fmaf(g[c], colour.z, by_map[3 * c + 2]);
+      by_map[9 + c] += g[c];
+    }
+  }
+#pragma unroll
+  for (int k = 0; k < kMapGradients; ++k) {
+    const float sum = block_sum(by_map[k]);
+    if (threadIdx.x == 0) map_parts[k * kVggBlocks + blockIdx.x] = sum;
+  }
+}
+
+// A warp a quantity: L, then the colour map's gradients.
+__global__ void __launch_bounds__(32 * (kMapGradients + 1))
+    totals(const PerceptualStep step, const float* sums, const float* map_parts, int map_blocks,
+           double* value) {
+  const int quantity = static_cast<int>(threadIdx.x / 32),
+            lane = static_cast<int>(threadIdx.x & 31);
+  const float* parts = quantity == 0 ? sums : map_parts + (quantity - 1) * kVggBlocks;
+  const int n = quantity == 0 ? kVggTaps * kVggBlocks : map_blocks;
+  double sum = 0.0;
+  for (int k = lane; k < n; k += 32) sum += double{parts[k]};
+  sum = warp_sum(sum);
+  if (lane != 0) return;
+  if (quantity == 0) {
+    *value = sum;
+  } else {
+    step.map_sums[(quantity - 1) * step.map_stride] += static_cast<float>(sum);
+  }
+}
+
+template <int kChannels>
+void start_tap_backward(const TapBackward& tap, cudaStream_t stream) {
+  const std::size_t pixels = tap.size.pixels();
+  tap_backward<kChannels><<<grid(pixels, kWarps), kThreads, 0, stream>>>(
+      tap, pixels, 1.0f / static_cast<float>(pixels));
+}
+
+std::size_t pixels_of(const PerceptualStep& step) {
+  return std::size_t{1} * step.patch.width * step.patch.height;
+}
+
+}  // namespace
+
+void launch_vgg_input(const PerceptualStep& step, float* input, cudaStream_t stream) {
+  const std::size_t pixels = pixels_of(step);
+  load_input<<<blocks_of(pixels, kThreads), kThreads, 0, stream>>>(
+      step, pixels, reinterpret_cast<float4*>(input));
+}
+
+void launch_vgg_pool(const float* features, const FeatureSize& size, float* pooled,
+                     cudaStream_t stream) {
+  const int quads = size.channels / 4;
+  const std::size_t n = std::size_t{1} * (size.width / 2) * (size.height / 2) * quads;
+  pool<<<dim3(blocks_of(n, kThreads), 2), kThreads, 0, stream>>>(
+      reinterpret_cast<const float4*>(features), size.width, size.height, quads,
+      reinterpret_cast<float4*>(pooled));
+}
+
+void launch_relu_backward(const float* features, const FeatureSize& size, float* gradient,
+                          cudaStream_t stream) {
+  const std::size_t n = size.values() / 4;
+  relu_backward<<<blocks_of(n, kThreads), kThreads, 0, stream>>>(
+      reinterpret_cast<const float4*>(features), n, reinterpret_cast<float4*>(gradient));
+}
+
+void launch_tap_backward(const TapBackward& tap, cudaStream_t stream) {
+  cudaMemsetAsync(tap.sums, 0, kVggBlocks * sizeof(float), stream);
+  switch (tap.size.channels) {
+    case 64:
+      return start_tap_backward<64>(tap, stream);
+    case 128:
+      return start_tap_backward<128>(tap, stream);
+    case 256:
+      return start_tap_backward<256>(tap, stream);
+    default:
+      return start_tap_backward<512>(tap, stream);
+  }
+}
+
+void launch_vgg_gradient(const PerceptualStep& step, const float* gradient, float* map_parts,
+                         cudaStream_t stream) {
+  const std::size_t pixels = pixels_of(step);
+  add_gradient<<<grid(pixels, kThreads), kThreads, 0, stream>>>(
+      step, pixels, reinterpret_cast<const float4*>(gradient), map_parts);
+}
+
+void launch_vgg_totals(const PerceptualStep& step, const float* sums, const float* map_parts,
+                       double* value, cudaStream_t stream) {
+  totals<<<1, 32 * (kMapGradients + 1), 0, stream>>>(step, sums, map_parts,
+                                                     grid(pixels_of(step), kThreads), value);
+}
+
+}  // namespace stgs::encoder::cuda

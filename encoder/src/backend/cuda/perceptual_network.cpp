@@ -1,0 +1,334 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "backend/cuda/perceptual_network.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "backend/cuda/cudnn_library.h"
+#include "backend/cuda/memory.h"
+#include "backend/cuda/perceptual_kernels.h"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr std::size_t kLayers = kVggLayers.size();
+// Deterministic, for every shape, and on the tensor cores where these may be used.
+constexpr cudnnConvolutionFwdAlgo_t kAlgorithm = CUDNN_CONVOLUTION_FWD_ALGO_IMPLICIT_PRECOMP_GEMM;
+
+int input_channels(std::size_t layer) {
+  return layer == 0 ? kVggInputs : kVggLayers[layer].in;
+}
+
+// A convolution's arguments to cuDNN.
+struct Convolution {
+  CudnnObject<cudnnTensorDescriptor_t> input, output, bias_shape;
+  CudnnObject<cudnnFilterDescriptor_t> filter;
+  DeviceArray<float> weights, bias;  // weights: out x 3 x 3 x in
+  int in = 0, out = 0;
+
+  std::size_t weight_count() const { return std::size_t{9} * in * out; }
+};
+
+// out x 3 x 3 x in_stored of out x in x 3 x 3, zeros where there is no such input.
+std::vector<float> forward_weights(const VggConvolution& convolution, const VggLayer& layer,
+                                   int in_stored) {
+  std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
+  for (int o = 0; o < layer.out; ++o) {
+    for (int c = 0; c < layer.in; ++c) {
+      for (int tap = 0; tap < 9; ++tap)
+        weights[(std::size_t{9} * o + tap) * in_stored + c] =
+            convolution.weight[(std::size_t{1} * o * layer.in + c) * 9 + tap];
+    }
+  }
+  return weights;
+}
+
+// Those that take dL/doutput to dL/dinput: turned round, in_stored x 3 x 3 x out.
+std::vector<float> backward_weights(const VggConvolution& convolution, const VggLayer& layer,
+                                    int in_stored) {
+  std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
+  for (int o = 0; o < layer.out; ++o) {
+    for (int c = 0; c < layer.in; ++c) {
+      for (int tap = 0; tap < 9; ++tap)
+        weights[(std::size_t{9} * c + 8 - tap) * layer.out + o] =
+            convolution.weight[(std::size_t{1} * o * layer.in + c) * 9 + tap];
+    }
+  }
+  return weights;
+}
+
+Status upload(const std::vector<float>& values, DeviceArray<float>& array) {
+  STGS_TRY(array.ensure(values.size()));
+  return cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
+                                cudaMemcpyHostToDevice),
+                     "copying the weights of the perceptual loss");
+}
+
+class CudnnPerceptual final : public PerceptualNetwork {
+ public:
+  explicit CudnnPerceptual(std::shared_ptr<const Vgg16> network) : network_(std::move(network)) {}
+
+  Status create(VggPrecision precision);
+  Result<std::size_t> bytes(int width, int height) override;
+  Status reserve(int width, int height) override;
+  Status enqueue(const PerceptualStep& step, cudaStream_t stream) override;
+  const double* value() const override { return value_.data(); }
+
+ private:
+  Status create_convolution(int in, int out, Convolution& convolution);
+  // The descriptors and sizes_ for patches of this size.
+  Status set_size(int width, int height);
+  Status set_shapes(Convolution& convolution, int pictures, const FeatureSize& size);
+  Result<std::size_t> workspace_bytes();
+  std::size_t gradient_values() const;
+  Status upload_weights();
+  Status forward(const PerceptualStep& step, cudaStream_t stream);
+  Status backward(const PerceptualStep& step, cudaStream_t stream);
+  Status convolve_forward(std::size_t layer, const float* input);
+
+  std::shared_ptr<const Vgg16> network_;
+  Cudnn cudnn_{};
+  CudnnObject<cudnnHandle_t> handle_;
+  CudnnObject<cudnnConvolutionDescriptor_t> convolution_;
+  CudnnObject<cudnnActivationDescriptor_t> relu_;
+  std::array<Convolution, kLayers> forward_, backward_;
+  std::array<FeatureSize, kLayers> sizes_{};  // of what each layer gives
+  int width_ = 0, height_ = 0;                // that they are for
+
+  DeviceArray<float> input_, gradient_, next_gradient_;
+  std::array<DeviceArray<float>, kLayers> features_;  // after ReLU, of both pictures
+  std::array<DeviceArray<float>, kLayers> pooled_;    // what goes in, after a pooling
+  std::array<DeviceArray<float>, kVggTaps> channel_weights_;
+  DeviceArray<float> sums_, map_parts_;
+  DeviceArray<double> value_;
+  DeviceArray<std::uint8_t> workspace_;
+};
+
+Status CudnnPerceptual::create(VggPrecision precision) {
+  STGS_ASSIGN(cudnn_, Cudnn::load());
+  STGS_TRY(cudnn_.status(handle_.create(cudnn_.create, cudnn_.destroy), "starting"));
+  STGS_TRY(cudnn_.status(convolution_.create(cudnn_.create_convolution, cudnn_.destroy_convolution),
+                         "describing a convolution"));
+  STGS_TRY(cudnn_.status(cudnn_.set_convolution(convolution_, 1, 1, 1, 1, 1, 1,
+                                                CUDNN_CROSS_CORRELATION, CUDNN_DATA_FLOAT),
+                         "describing a convolution"));
+  const cudnnMathType_t math =
+      precision == VggPrecision::kFloat ? CUDNN_FMA_MATH : CUDNN_DEFAULT_MATH;
+  STGS_TRY(cudnn_.status(cudnn_.set_math_type(convolution_, math), "choosing the precision"));
+  STGS_TRY(cudnn_.status(relu_.create(cudnn_.create_activation, cudnn_.destroy_activation),
+                         "describing a ReLU"));
+  STGS_TRY(
+      cudnn_.status(cudnn_.set_activation(relu_, CUDNN_ACTIVATION_RELU, CUDNN_PROPAGATE_NAN, 0.0),
+                    "describing a ReLU"));
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    const int in = input_channels(i), out = kVggLayers[i].out;
+    STGS_TRY(create_convolution(in, out, forward_[i]));
+    STGS_TRY(create_convolution(out, in, backward_[i]));
+  }
+  return {};
+}
+
+Status CudnnPerceptual::create_convolution(int in, int out, Convolution& convolution) {
+  const char* what = "describing a layer";
+  convolution.in = in;
+  convolution.out = out;
+  for (auto* tensor : {&convolution.input, &convolution.output, &convolution.bias_shape})
+    STGS_TRY(cudnn_.status(tensor->create(cudnn_.create_tensor, cudnn_.destroy_tensor), what));
+  STGS_TRY(
+      cudnn_.status(convolution.filter.create(cudnn_.create_filter, cudnn_.destroy_filter), what));
+  STGS_TRY(cudnn_.status(
+      cudnn_.set_filter(convolution.filter, CUDNN_DATA_FLOAT, CUDNN_TENSOR_NHWC, out, in, 3, 3),
+      what));
+  return cudnn_.status(
+      cudnn_.set_tensor(convolution.bias_shape, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, 1, out, 1, 1),
+      what);
+}
+
+Status CudnnPerceptual::set_shapes(Convolution& convolution, int pictures,
+                                   const FeatureSize& size) {
+  const char* what = "describing a layer's size";
+  STGS_TRY(cudnn_.status(cudnn_.set_tensor(convolution.input, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
+                                           pictures, convolution.in, size.height, size.width),
+                         what));
+  return cudnn_.status(cudnn_.set_tensor(convolution.output, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
+                                         pictures, convolution.out, size.height, size.width),
+                       what);
+}
+
+Status CudnnPerceptual::set_size(int width, int height) {
+  if (width == width_ && height == height_) return {};
+  // The largest features, of both pictures; cuDNN counts in 32 bits.
+  if (std::int64_t{2} * width * height * kVggLayers[0].out > INT32_MAX) {
+    return unsupported(
+        "patches of {}x{} pixels are too large for cuDNN: use a smaller "
+        "perceptual_patch",
+        width, height);
+  }
+  width_ = width;
+  height_ = height;
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    if (kVggLayers[i].pool_before) {
+      width /= 2;
+      height /= 2;
+    }
+    sizes_[i] = {width, height, kVggLayers[i].out};
+    STGS_TRY(set_shapes(forward_[i], 2, sizes_[i]));
+    STGS_TRY(set_shapes(backward_[i], 1, sizes_[i]));
+  }
+  return {};
+}
+
+Result<std::size_t> CudnnPerceptual::workspace_bytes() {
+  std::size_t most = 0;
+  for (const auto* convolutions : {&forward_, &backward_}) {
+    for (const Convolution& c : *convolutions) {
+      std::size_t bytes = 0;
+      STGS_TRY(cudnn_.status(cudnn_.workspace_size(handle_, c.input, c.filter, convolution_,
+                                                   c.output, kAlgorithm, &bytes),
+                             "asking for its working memory"));
+      most = std::max(most, bytes);
+    }
+  }
+  return most;
+}
+
+std::size_t CudnnPerceptual::gradient_values() const {
+  std::size_t most = 0;
+  for (const FeatureSize& size : sizes_) most = std::max(most, size.values());
+  return most;
+}
+
+Result<std::size_t> CudnnPerceptual::bytes(int width, int height) {
+  STGS_TRY(set_size(width, height));
+  STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
+  std::size_t values = 2 * kVggInputs * std::size_t{1} * width * height + 2 * gradient_values();
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    values += 2 * sizes_[i].values() + forward_[i].weight_count() + backward_[i].weight_count();
+    if (kVggLayers[i].pool_before) values += 2 * sizes_[i].pixels() * forward_[i].in;
+  }
+  return workspace + values * sizeof(float);
+}
+
+Status CudnnPerceptual::reserve(int width, int height) {
+  STGS_TRY(set_size(width, height));
+  STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
+  // Some shapes' algorithms ask for nothing.
+  STGS_TRY(workspace_.ensure(std::max<std::size_t>(workspace, 1)));
+  STGS_TRY(input_.ensure(2 * kVggInputs * std::size_t{1} * width * height));
+  STGS_TRY(gradient_.ensure(gradient_values()));
+  STGS_TRY(next_gradient_.ensure(gradient_values()));
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    STGS_TRY(features_[i].ensure(2 * sizes_[i].values()));
+    if (kVggLayers[i].pool_before)
+      STGS_TRY(pooled_[i].ensure(2 * sizes_[i].pixels() * forward_[i].in));
+  }
+  STGS_TRY(sums_.ensure(kVggTaps * kVggBlocks));
+  STGS_TRY(map_parts_.ensure(kMapGradients * kVggBlocks));
+  STGS_TRY(value_.ensure(1));
+  return upload_weights();
+}
+
+Status CudnnPerceptual::upload_weights() {
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    const VggConvolution& convolution = network_->convolutions[i];
+    const int in = input_channels(i);
+    STGS_TRY(upload(forward_weights(convolution, kVggLayers[i], in), forward_[i].weights));
+    STGS_TRY(upload(convolution.bias, forward_[i].bias));
+    STGS_TRY(upload(backward_weights(convolution, kVggLayers[i], in), backward_[i].weights));
+  }
+  for (int tap = 0; tap < kVggTaps; ++tap)
+    STGS_TRY(upload(network_->channel_weights[tap], channel_weights_[tap]));
+  return {};
+}
+
+Status CudnnPerceptual::enqueue(const PerceptualStep& step, cudaStream_t stream) {
+  if (step.patch.width != width_ || step.patch.height != height_) {
+    STGS_TRY(set_size(step.patch.width, step.patch.height));
+    // A smaller patch may need more of it; where it grows, CUDA waits for the work under way.
+    STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
+    STGS_TRY(workspace_.ensure(workspace));
+  }
+  STGS_TRY(cudnn_.status(cudnn_.set_stream(handle_, stream), "choosing the stream"));
+  STGS_TRY(forward(step, stream));
+  STGS_TRY(backward(step, stream));
+  launch_vgg_totals(step, sums_.data(), map_parts_.data(), value_.data(), stream);
+  return cuda_status(cudaGetLastError(), "starting the perceptual loss");
+}
+
+Status CudnnPerceptual::convolve_forward(std::size_t layer, const float* input) {
+  const float one = 1.0f, zero = 0.0f;
+  const Convolution& c = forward_[layer];
+  float* output = features_[layer].data();
+  return cudnn_.status(cudnn_.convolve_bias_activation(
+                           handle_, &one, c.input, input, c.filter, c.weights.data(), convolution_,
+                           kAlgorithm, workspace_.data(), workspace_.capacity(), &zero, c.output,
+                           output, c.bias_shape, c.bias.data(), relu_, c.output, output),
+                       "convolving forward");
+}
+
+Status CudnnPerceptual::forward(const PerceptualStep& step, cudaStream_t stream) {
+  launch_vgg_input(step, input_.data(), stream);
+  const float* in = input_.data();
+  for (std::size_t i = 0; i < kLayers; ++i) {
+    if (kVggLayers[i].pool_before) {
+      launch_vgg_pool(in, sizes_[i - 1], pooled_[i].data(), stream);
+      in = pooled_[i].data();
+    }
+    STGS_TRY(convolve_forward(i, in));
+    in = features_[i].data();
+  }
+  return {};
+}
+
+Status CudnnPerceptual::backward(const PerceptualStep& step, cudaStream_t stream) {
+  const float one = 1.0f, zero = 0.0f;
+  float *gradient = gradient_.data(), *next = next_gradient_.data();
+  for (std::size_t i = kLayers; i-- > 0;) {
+    // `gradient` is by what this layer gives, after a pooling where there is one.
+    const bool pooled = i + 1 < kLayers && kVggLayers[i + 1].pool_before;
+    if (const int tap = kVggLayers[i].tap; tap >= 0) {
+      launch_tap_backward({sizes_[i], features_[i].data(), channel_weights_[tap].data(),
+                           pooled ? pooled_[i + 1].data() : nullptr, pooled ? gradient : nullptr,
+                           step.weight, next, sums_.data() + tap * kVggBlocks},
+                          stream);
+      std::swap(gradient, next);
+    } else {
+      launch_relu_backward(features_[i].data(), sizes_[i], gradient, stream);
+    }
+    const Convolution& c = backward_[i];
+    STGS_TRY(
+        cudnn_.status(cudnn_.convolve(handle_, &one, c.input, gradient, c.filter, c.weights.data(),
+                                      convolution_, kAlgorithm, workspace_.data(),
+                                      workspace_.capacity(), &zero, c.output, next),
+                      "convolving backward"));
+    std::swap(gradient, next);
+  }
+  launch_vgg_gradient(step, gradient, map_parts_.data(), stream);
+  return {};
+}
+
+// Every pooling follows a tap, whose kernel goes back through both.
+constexpr bool taps_before_pools() {
+  for (std::size_t i = 1; i < kLayers; ++i) {
+    if (kVggLayers[i].pool_before && kVggLayers[i - 1].tap < 0) return false;
+  }
+  return kVggLayers[kLayers - 1].tap >= 0;
+}
+static_assert(taps_before_pools());
+
+}  // namespace
+
+Status check_perceptual_network() {
+  return Cudnn::load().status();
+}
+
+Result<std::unique_ptr<PerceptualNetwork>> make_perceptual_network(
+    std::shared_ptr<const Vgg16> network, VggPrecision precision) {
+  auto made = std::make_unique<CudnnPerceptual>(std::move(network));
+  STGS_TRY(made->create(precision));
+  return std::unique_ptr<PerceptualNetwork>(std::move(made));
+}
+
+}  // namespace stgs::encoder::cuda
