@@ -182,6 +182,101 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   return out;
 }
 
+// --- As drawn ------------------------------------------------------------------------------------
+
+// The primitive of format/math that a coupled Gaussian is: r = 0, times in ticks.
+struct CoupledDrawn {
+  Vec3 log_scale;  // log scene units
+  Quat rotation;
+  Vec3 u;       // scene units a tick
+  float sigma;  // ticks
+};
+
+// Rows of a matrix, and the rotation of space that has turned them against each other.
+struct TurnedRows {
+  Quat x, y, z;
+  Quat rotation;
+};
+
+// Makes the first two rows orthogonal by the smallest turn that does, then calls y, z, x what were
+// x, y, z before: three calls make every pair orthogonal once.
+STGS_FN TurnedRows turn_rows(TurnedRows r) {
+  float product = quat_dot(r.x, r.y);
+  float tangent = 0.0f;
+  if (product != 0.0f) {
+    // Of twice the angle.
+    float cotangent = (quat_dot(r.x, r.x) - quat_dot(r.y, r.y)) / (2.0f * product);
+    tangent = 1.0f / (abs(cotangent) + sqrt(1.0f + cotangent * cotangent));
+    if (cotangent < 0.0f) tangent = -tangent;
+  }
+  float cosine = 1.0f / sqrt(1.0f + tangent * tangent);
+  float sine = cosine * tangent;
+  float half_cosine = sqrt(0.5f + 0.5f * cosine);
+  Quat turned = quat_mul(r.rotation, quat_of(half_cosine, 0.0f, 0.0f, 0.5f * sine / half_cosine));
+  TurnedRows out;
+  out.x = quat_add(quat_scale(r.y, cosine), quat_scale(r.x, -sine));
+  out.y = r.z;
+  out.z = quat_add(quat_scale(r.x, cosine), quat_scale(r.y, sine));
+  out.rotation = quat_of(turned.w, turned.y, turned.z, turned.x);
+  return out;
+}
+
+// Scales and rotation of the Gaussian whose covariance has the rows' dot products as its entries:
+// the rows are turned until they are orthogonal (Hestenes' one-sided Jacobi), which keeps the
+// relative precision of the shortest axis. `tick`: units of time.
+STGS_FN CoupledDrawn coupled_drawn(Coupled g, float tick) {
+  CoupledRows r = coupled_rows(coupled_axes(g));
+  float variance = quat_dot(r.t, r.t);
+  Vec3 u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
+                   quat_dot(r.z, r.t) / variance);
+  TurnedRows rest;
+  rest.x = quat_add(r.x, quat_scale(r.t, -u.x));
+  rest.y = quat_add(r.y, quat_scale(r.t, -u.y));
+  rest.z = quat_add(r.z, quat_scale(r.t, -u.z));
+  rest.rotation = quat_of(1.0f, 0.0f, 0.0f, 0.0f);
+  for (int turn = 0; turn < 18; ++turn) rest = turn_rows(rest);
+  float least = 1e-14f;  // variance of an axis, scene units^2
+  CoupledDrawn out;
+  out.log_scale = vec3_of(0.5f * log(larger(quat_dot(rest.x, rest.x), least)),
+                          0.5f * log(larger(quat_dot(rest.y, rest.y), least)),
+                          0.5f * log(larger(quat_dot(rest.z, rest.z), least)));
+  out.rotation = quat_normalised(rest.rotation);
+  out.u = vec3_of(u.x * tick, u.y * tick, u.z * tick);
+  out.sigma = sqrt(2.0f * variance) / tick;
+  return out;
+}
+
+struct CoupledDrawnGrad {
+  Sym3 covariance;  // without what is in log_scale
+  Vec3 log_scale;   // for instance a regulariser's
+  Vec3 u;
+  float sigma;
+};
+
+// From the gradient by what is drawn to the one by the parameters, standard deviations by their
+// logarithms.
+STGS_FN Coupled coupled_drawn_grad(Coupled g, float tick, Vec3 log_scale, Quat rotation,
+                                   CoupledDrawnGrad by) {
+  Conditional d;
+  d.u = vec3_of(by.u.x * tick, by.u.y * tick, by.u.z * tick);
+  d.sigma = by.sigma / tick;
+  // d log s_k = axis_k' dV axis_k / (2 s_k^2); an off-diagonal entry stands for both places.
+  Mat3 a = rotation_of(rotation);
+  float x = 0.5f * by.log_scale.x * exp(-2.0f * log_scale.x);
+  float y = 0.5f * by.log_scale.y * exp(-2.0f * log_scale.y);
+  float z = 0.5f * by.log_scale.z * exp(-2.0f * log_scale.z);
+  d.covariance.xx = by.covariance.xx + x * a.xx * a.xx + y * a.xy * a.xy + z * a.xz * a.xz;
+  d.covariance.yy = by.covariance.yy + x * a.yx * a.yx + y * a.yy * a.yy + z * a.yz * a.yz;
+  d.covariance.zz = by.covariance.zz + x * a.zx * a.zx + y * a.zy * a.zy + z * a.zz * a.zz;
+  d.covariance.xy = by.covariance.xy + 2.0f * (x * a.xx * a.yx + y * a.xy * a.yy + z * a.xz * a.yz);
+  d.covariance.xz = by.covariance.xz + 2.0f * (x * a.xx * a.zx + y * a.xy * a.zy + z * a.xz * a.zz);
+  d.covariance.yz = by.covariance.yz + 2.0f * (x * a.yx * a.zx + y * a.yy * a.zy + z * a.yz * a.zz);
+  Coupled out = coupled_conditional_grad(g, d);
+  out.time = out.time * g.time;
+  out.scale = vec3_of(out.scale.x * g.scale.x, out.scale.y * g.scale.y, out.scale.z * g.scale.z);
+  return out;
+}
+
 STGS_MATH_END
 
 #endif

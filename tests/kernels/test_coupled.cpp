@@ -122,6 +122,36 @@ TEST_CASE("the coupled form's gradients match finite differences in every parame
   }
 }
 
+TEST_CASE("what is drawn of a coupled Gaussian has the conditional's covariance") {
+  std::mt19937 random(4);
+  constexpr float kTick = 1.0f / 30.0f;
+  for (int run = 0; run < 200; ++run) {
+    math::Coupled g = random_coupled(random);
+    // Flat ones and needles too.
+    if (run % 2 == 1) g.scale.x *= 1e-3f;
+    if (run % 3 == 1) g.scale.y *= 1e-2f;
+    const math::Conditional c = math::coupled_conditional(g);
+    const math::CoupledDrawn drawn = math::coupled_drawn(g, kTick);
+    CAPTURE(run);
+    CHECK(drawn.sigma * kTick == Approx(c.sigma).epsilon(1e-5));
+    CHECK(drawn.u.y == Approx(c.u.y * kTick).epsilon(1e-5).margin(1e-7));
+    const math::Vec3 scale = {std::exp(drawn.log_scale.x), std::exp(drawn.log_scale.y),
+                              std::exp(drawn.log_scale.z)};
+    math::Sym3 found = math::covariance_of(drawn.rotation, scale), expected = c.covariance;
+    const float trace = expected.xx + expected.yy + expected.zz;
+    for (std::size_t k = 0; k < 6; ++k) {
+      CHECK(entry(found, k) == Approx(entry(expected, k)).margin(4e-6f * trace));
+    }
+    // The shortest axis, of which the covariance in single precision knows little.
+    const Eigen::Matrix4d v = covariance_of(g);
+    const Eigen::Vector3d cross = v.block<3, 1>(1, 0);
+    const Eigen::Matrix3d rest = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
+    const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(rest).eigenvalues()[0];
+    const float shortest = std::min({scale.x, scale.y, scale.z});
+    CHECK(shortest == Approx(std::sqrt(least)).epsilon(1e-2));
+  }
+}
+
 TEST_CASE("a round primitive looks the same in the coupled form") {
   const math::PinholeCamera camera = testing::scene_camera(64, 48);
   Gaussians4D before =

@@ -10,7 +10,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "backend/cuda/cuda_backend.h"
+#include "cuda_backend_check.h"
 #include "stgs/encoder/train.h"
 #include "stgs/format/raster.h"
 #include "synthetic_capture.h"
@@ -22,30 +22,12 @@ using namespace stgs::testing;
 
 namespace {
 
-constexpr const char* kAttributeNames[kAttributes] = {"position", "log_scale", "rotation",
-                                                      "opacity",  "sh",        "time",
-                                                      "velocity", "log_sigma", "radius"};
-
 struct Case {
   std::size_t primitives;
   int width, height;
   int sh_degree;
   SceneShape shape;
 };
-
-// |a - b| / |a|, in double; infinite where a number is not finite.
-template <typename T>
-double difference(const std::vector<T>& a, const std::vector<T>& b) {
-  if (a.size() != b.size()) return INFINITY;
-  double square = 0, length = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double d = static_cast<double>(a[i]) - static_cast<double>(b[i]);
-    square += d * d;
-    length += static_cast<double>(a[i]) * a[i];
-  }
-  const double share = length > 0 ? std::sqrt(square / length) : std::sqrt(square);
-  return std::isfinite(share) ? share : INFINITY;
-}
 
 std::vector<float> flat(const std::vector<ColourMap>& maps) {
   std::vector<float> all;
@@ -62,18 +44,6 @@ bool same_bits(const TrainState& a, const TrainState& b) {
            a.moments[k].second == b.moments[k].second;
   }
   return same;
-}
-
-cuda::CudaBackend& cuda_backend() {
-  static cuda::CudaBackend backend;
-  static const Status status = backend.create();
-  REQUIRE(status.ok());
-  return backend;
-}
-
-void check(const Status& status) {
-  INFO(status.message());
-  REQUIRE(status.ok());
 }
 
 // Runs `steps` steps over a few moments and cameras, each as `change` leaves it; what each gave.

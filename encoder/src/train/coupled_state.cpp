@@ -1,14 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/coupled_state.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
 namespace stgs::encoder {
 namespace {
-
-constexpr float kSmallestVariance = 1e-14f;  // scene units^2, of a derived axis
 
 math::Quat read4(const std::vector<float>& array, std::size_t i) {
   const float* q = &array[4 * i];
@@ -80,54 +77,22 @@ math::Coupled coupled_of(const TrainState& state, std::size_t i) {
 }
 
 void derive_from_coupled(TrainState& state, std::size_t i) {
-  const math::Conditional conditional = math::coupled_conditional(coupled_of(state, i));
-  const float tick = state.coupled.tick;
-  const float u[3] = {conditional.u.x * tick, conditional.u.y * tick, conditional.u.z * tick};
+  const math::CoupledDrawn drawn = math::coupled_drawn(coupled_of(state, i), state.coupled.tick);
+  const float u[3] = {drawn.u.x, drawn.u.y, drawn.u.z};
   std::copy_n(u, 3, &state.set.velocity[3 * i]);
   std::copy_n(u, 3, &state.velocity[3 * i]);
-  state.set.sigma[i] = conditional.sigma / tick;
-  state.log_sigma[i] = std::log(state.set.sigma[i]);
-
-  const math::Sym3& v = conditional.covariance;
-  Eigen::Matrix3f covariance;
-  covariance << v.xx, v.xy, v.xz, v.xy, v.yy, v.yz, v.xz, v.yz, v.zz;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> solver(covariance);
-  Eigen::Matrix3f axes = solver.eigenvectors();
-  if (axes.determinant() < 0.0f) axes.col(0) *= -1.0f;
-  const Eigen::Quaternionf rotation(axes);
-  write4(state.set.rotation, i, {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
-  for (int k = 0; k < 3; ++k) {
-    const float variance = std::max(solver.eigenvalues()[k], kSmallestVariance);
-    state.set.log_scale[3 * i + static_cast<std::size_t>(k)] = 0.5f * std::log(variance);
-  }
+  state.set.sigma[i] = drawn.sigma;
+  state.log_sigma[i] = std::log(drawn.sigma);
+  write4(state.set.rotation, i, drawn.rotation);
+  const float log_scale[3] = {drawn.log_scale.x, drawn.log_scale.y, drawn.log_scale.z};
+  std::copy_n(log_scale, 3, &state.set.log_scale[3 * i]);
 }
 
 math::Coupled coupled_backward(const TrainState& state, std::size_t i,
-                               const SetGradients& gradients) {
-  const float tick = state.coupled.tick;
-  math::Conditional d;
-  d.u = {gradients.velocity[0] * tick, gradients.velocity[1] * tick, gradients.velocity[2] * tick};
-  d.sigma = gradients.sigma / tick;
-  d.covariance = gradients.covariance;
-  // d log s_k = axis_k' dV axis_k / (2 s_k^2); an off-diagonal entry stands for both places.
-  const math::Mat3 r = math::rotation_of(read4(state.set.rotation, i));
-  const math::Vec3 axes[3] = {{r.xx, r.yx, r.zx}, {r.xy, r.yy, r.zy}, {r.xz, r.yz, r.zz}};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const float g =
-        0.5f * gradients.log_scale[k] * std::exp(-2.0f * state.set.log_scale[3 * i + k]);
-    const math::Vec3& a = axes[k];
-    d.covariance.xx += g * a.x * a.x;
-    d.covariance.yy += g * a.y * a.y;
-    d.covariance.zz += g * a.z * a.z;
-    d.covariance.xy += 2.0f * g * a.x * a.y;
-    d.covariance.xz += 2.0f * g * a.x * a.z;
-    d.covariance.yz += 2.0f * g * a.y * a.z;
-  }
-  const math::Coupled form = coupled_of(state, i);
-  math::Coupled by = math::coupled_conditional_grad(form, d);
-  by.time *= form.time;
-  by.scale = {by.scale.x * form.scale.x, by.scale.y * form.scale.y, by.scale.z * form.scale.z};
-  return by;
+                               const math::CoupledDrawnGrad& by) {
+  const float* s = &state.set.log_scale[3 * i];
+  return math::coupled_drawn_grad(coupled_of(state, i), state.coupled.tick, {s[0], s[1], s[2]},
+                                  read4(state.set.rotation, i), by);
 }
 
 }  // namespace stgs::encoder

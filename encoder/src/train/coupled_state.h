@@ -19,16 +19,8 @@ math::Coupled coupled_of(const TrainState& state, std::size_t i);
 // Recomputes the scales, rotation, velocities and sigmas of primitive i.
 void derive_from_coupled(TrainState& state, std::size_t i);
 
-// Gradients by what the set holds of a primitive, as a backend has them.
-struct SetGradients {
-  math::Sym3 covariance;   // without what is in log_scale
-  const float* log_scale;  // 3; for instance a regulariser's
-  const float* velocity;   // 3, by the effective velocity a frame
-  float sigma;             // frames
-};
-
-// The same by the coupled form: log standard deviations instead of standard deviations.
+// The gradient by primitive i's parameters from the one by what the set holds of it.
 math::Coupled coupled_backward(const TrainState& state, std::size_t i,
-                               const SetGradients& gradients);
+                               const math::CoupledDrawnGrad& by);
 
 }  // namespace stgs::encoder

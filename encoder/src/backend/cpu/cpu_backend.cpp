@@ -173,10 +173,13 @@ void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
               moments.second.data() + at, gradient, n, rate, correction);
   };
   if (state.is_coupled()) {
-    const math::Coupled by =
-        coupled_backward(state, i,
-                         {gradients_.covariance[splat], &gradients_.log_scale[3 * splat],
-                          &gradients_.velocity[3 * splat], gradients_.sigma[splat]});
+    const float* s = &gradients_.log_scale[3 * splat];
+    const float* u = &gradients_.velocity[3 * splat];
+    const math::Coupled by = coupled_backward(state, i,
+                                              {gradients_.covariance[splat],
+                                               {s[0], s[1], s[2]},
+                                               {u[0], u[1], u[2]},
+                                               gradients_.sigma[splat]});
     apply(kLogScale, &by.scale.x, 3, input.rates[kLogScale]);
     apply(kRotation, &by.left.w, 4, input.rates[kRotation]);
     apply(kVelocity, &by.right.w, 4, input.rates[kVelocity]);

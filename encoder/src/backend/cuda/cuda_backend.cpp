@@ -62,12 +62,10 @@ Status CudaBackend::create() {
 }
 
 Status CudaBackend::reserve(const TrainPlan& plan) {
-  if (plan.coupled) {
-    return unsupported("the ablation 'representation' does not train with CUDA; use --backend cpu");
-  }
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
-  const std::size_t state_bytes = DeviceState::bytes(plan.primitives, plan.sh_coefficients);
+  const std::size_t state_bytes =
+      DeviceState::bytes(plan.primitives, plan.sh_coefficients, plan.coupled);
   const std::size_t step_bytes =
       StepPipeline::bytes(plan.primitives, pixels, instances, plan.normals);
   const std::size_t few_pictures = 16 * pixels;
@@ -95,7 +93,7 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   }
   if (perceptual) STGS_TRY(perceptual->reserve(patch.width, patch.height));
   pipeline_.set_perceptual(std::move(perceptual));
-  STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients));
+  STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients, plan.coupled));
   STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
                              stream_));
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
@@ -116,7 +114,7 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
       std::max(before, static_cast<std::size_t>(std::max(input.parameters->max_primitives, 0)));
   if (device_.capacity() < most) {
     STGS_TRY(synchronise());
-    STGS_TRY(device_.reserve(most, device_.primitives().sh_coefficients));
+    STGS_TRY(device_.reserve(most, device_.primitives().sh_coefficients, state_->is_coupled()));
     STGS_TRY(device_.upload(*state_, stream_));
   }
   STGS_TRY(pipeline_.reserve(most, 1, 1, kInstancesAPrimitive * most, false, stream_));
@@ -130,6 +128,7 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
     launch_reset_opacity(device_.primitives(), stream_);
     STGS_TRY(cuda_status(cudaGetLastError(), "resetting the opacities"));
   }
+  if (state_->is_coupled()) launch_derive_coupled(device_.primitives(), stream_);
   // The number of instances grows with that of the primitives.
   if (before > 0 && size() > before) instances_seen_ = instances_seen_ * size() / before;
   return counts;

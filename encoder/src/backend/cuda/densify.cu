@@ -23,9 +23,10 @@ __device__ int components(const Primitives& p, int attribute) {
   switch (attribute) {
     case kRotation:
       return 4;
+    case kVelocity:
+      return p.tick > 0.0f ? 4 : 3;
     case kPosition:
     case kLogScale:
-    case kVelocity:
       return 3;
     case kSh:
       return 3 * p.sh_coefficients;
@@ -54,7 +55,7 @@ __global__ void mark_alive(const Primitives p, const DensifyRules rules, std::ui
                            DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
   const bool whole = i < p.n && finite(p, i);
-  const bool alive = whole && survives(rules, p.values[kOpacity][i], read3(p.values[kLogScale], i));
+  const bool alive = whole && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i));
   if (i < p.n) flags[i] = alive;
   add(&totals->kept, alive);
   add(&totals->broken, i < p.n && !whole);
@@ -82,7 +83,7 @@ __global__ void urgency(const Primitives p, const DensifyRules rules, std::uint3
   const std::uint32_t i = thread_index();
   std::uint32_t key = 0xFFFFFFFFu;
   if (i < p.n && p.views[i] > 0) {
-    const bool split = is_split(rules, read3(p.values[kLogScale], i));
+    const bool split = is_split(rules, read3(p.log_scale, i));
     const float u =
         growth_urgency(rules, split, p.gradient_sum[i], p.abs_gradient_sum[i], p.views[i]);
     if (u > 1.0f) key = ~__float_as_uint(u);
@@ -97,7 +98,7 @@ __global__ void choose(const Primitives p, const DensifyRules rules, const std::
   const std::uint32_t k = thread_index();
   const bool chosen = k < count;
   const std::uint32_t i = chosen ? order[k] : 0;
-  const bool split = chosen && is_split(rules, read3(p.values[kLogScale], i));
+  const bool split = chosen && is_split(rules, read3(p.log_scale, i));
   if (chosen) {
     flags[i] = 1;
     draws[i] = split ? kSplitDraws : (rules.plain ? 0 : kCloneDraws);
@@ -123,13 +124,17 @@ __device__ void copy_parameters(const Primitives& p, std::uint32_t from, std::ui
   }
   for (int c = 0; c < 3; ++c) p.u[3 * to + c] = p.u[3 * from + c];
   p.sigma[to] = p.sigma[from];
+  if (p.tick > 0.0f) {
+    for (int c = 0; c < 3; ++c) p.log_scale[3 * to + c] = p.log_scale[3 * from + c];
+    for (int c = 0; c < 4; ++c) p.rotation[4 * to + c] = p.rotation[4 * from + c];
+  }
   clear_moments(p, to);
 }
 
 __device__ void move_by_sample(const Primitives& p, std::uint32_t i, float share, Random& random) {
-  const float* q = p.values[kRotation] + std::size_t{4} * i;
+  const float* q = p.rotation + std::size_t{4} * i;
   const Vec3 offset =
-      gaussian_sample({q[0], q[1], q[2], q[3]}, read3(p.values[kLogScale], i), share, random);
+      gaussian_sample({q[0], q[1], q[2], q[3]}, read3(p.log_scale, i), share, random);
   float* position = p.values[kPosition] + std::size_t{3} * i;
   position[0] += offset.x;
   position[1] += offset.y;
@@ -164,7 +169,7 @@ __global__ void grow(const Primitives p, const DensifyRules rules, const std::ui
   Random random(key.seed, key.iteration, RandomPurpose::kDensify);
   random.skip(draws_before[i]);
   const std::uint32_t to = p.n + places[i];
-  if (is_split(rules, read3(p.values[kLogScale], i))) {
+  if (is_split(rules, read3(p.log_scale, i))) {
     split_into(p, i, to, random);
   } else if (rules.plain) {
     copy_parameters(p, i, to);  // its origin keeps its moments; that parts them (3DGS)
@@ -187,8 +192,8 @@ __global__ void scores(const Primitives p, const ScoreRules rules, bool modulate
   const float largest = __uint_as_float(*unit_error);
   const float unit = largest > 0.0f ? 1.0f / largest : 0.0f;
   const float f = modulated ? lifespan_modulation(p.sigma[i], p.values[kRadius][i]) : 1.0f;
-  const float score = densification_score(rules, p.error_max[i], unit, p.values[kOpacity][i],
-                                          read3(p.values[kVelocity], i), f);
+  const float score =
+      densification_score(rules, p.error_max[i], unit, p.values[kOpacity][i], read3(p.v, i), f);
   keys[i] = alive[i] ? ~ascending(score) : 0xFFFFFFFFu;
 }
 

@@ -5,6 +5,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace stgs::encoder::cuda {
@@ -33,39 +34,43 @@ std::uint32_t* words_of(std::vector<T>& array) {
   return reinterpret_cast<std::uint32_t*>(array.data());
 }
 
-int components_of(int attribute, int sh_coefficients) {
-  return attribute == kSh ? 3 * sh_coefficients : TrainState().components(attribute);
-}
-
 // Words a primitive of each array, in the order of arrays().
-std::vector<int> widths(int sh_coefficients) {
+std::vector<int> widths(int sh_coefficients, bool coupled) {
+  TrainState state;
+  state.coupled.tick = coupled ? 1.0f : 0.0f;
   std::vector<int> all;
-  for (int a = 0; a < kAttributes; ++a) all.insert(all.end(), 3, components_of(a, sh_coefficients));
+  for (int a = 0; a < kAttributes; ++a) {
+    all.insert(all.end(), 3, a == kSh ? 3 * sh_coefficients : state.components(a));
+  }
   const int rest[] = {3, 1, 1, 1, 1, 1, 1};  // u, sigma, updates, statistics
   all.insert(all.end(), std::begin(rest), std::end(rest));
+  if (coupled) all.insert(all.end(), {3, 4});  // scales and rotation as drawn
   return all;
 }
 
 }  // namespace
 
-std::size_t DeviceState::bytes(std::size_t n, int sh_coefficients) {
+std::size_t DeviceState::bytes(std::size_t n, int sh_coefficients, bool coupled) {
   std::size_t words = 0;
-  for (int width : widths(sh_coefficients)) words += aligned(n * static_cast<std::size_t>(width));
+  for (int width : widths(sh_coefficients, coupled))
+    words += aligned(n * static_cast<std::size_t>(width));
   return words * sizeof(std::uint32_t);
 }
 
-Status DeviceState::reserve(std::size_t n, int sh_coefficients) {
-  if (n <= capacity_ && sh_coefficients == primitives_.sh_coefficients) return {};
+Status DeviceState::reserve(std::size_t n, int sh_coefficients, bool coupled) {
+  const bool same = sh_coefficients == primitives_.sh_coefficients && coupled == coupled_;
+  if (n <= capacity_ && same) return {};
   capacity_ = 0;
-  STGS_TRY(memory_.ensure(bytes(n, sh_coefficients) / sizeof(std::uint32_t)));
-  STGS_TRY(staging_.ensure(bytes(n, sh_coefficients) / sizeof(std::uint32_t)));
+  STGS_TRY(memory_.ensure(bytes(n, sh_coefficients, coupled) / sizeof(std::uint32_t)));
+  STGS_TRY(staging_.ensure(bytes(n, sh_coefficients, coupled) / sizeof(std::uint32_t)));
   arrays_.clear();
   std::size_t at = 0;
-  for (int width : widths(sh_coefficients)) {
+  for (int width : widths(sh_coefficients, coupled)) {
     arrays_.push_back({memory_.data() + at, width});
     at += aligned(n * static_cast<std::size_t>(width));
   }
   capacity_ = n;
+  coupled_ = coupled;
   primitives_ = {};
   primitives_.sh_coefficients = sh_coefficients;
   const auto floats = [&](int k) { return reinterpret_cast<float*>(arrays_[k].data); };
@@ -82,6 +87,9 @@ Status DeviceState::reserve(std::size_t n, int sh_coefficients) {
   primitives_.abs_gradient_sum = floats(kRest + 4);
   primitives_.error_max = floats(kRest + 5);
   primitives_.views = arrays_[kRest + 6].data;
+  primitives_.log_scale = coupled ? floats(kRest + 7) : primitives_.values[kLogScale];
+  primitives_.rotation = coupled ? floats(kRest + 8) : primitives_.values[kRotation];
+  primitives_.v = coupled ? primitives_.u : primitives_.values[kVelocity];
   return {};
 }
 
@@ -99,12 +107,18 @@ std::vector<std::uint32_t*> DeviceState::host_arrays(TrainState& state) {
   all.push_back(words_of(state.statistics.abs_gradient_sum));
   all.push_back(words_of(state.statistics.error_max));
   all.push_back(words_of(state.statistics.views));
+  if (state.is_coupled()) {
+    all.push_back(words_of(state.set.log_scale));
+    all.push_back(words_of(state.set.rotation));
+  }
   return all;
 }
 
 Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
-  STGS_TRY(reserve(std::max(state.size(), capacity_), state.set.sh_coefficients()));
+  STGS_TRY(
+      reserve(std::max(state.size(), capacity_), state.set.sh_coefficients(), state.is_coupled()));
+  primitives_.tick = state.coupled.tick;
   resize(state.size());
   // The arrays are only read here.
   const std::vector<std::uint32_t*> host = host_arrays(const_cast<TrainState&>(state));
@@ -118,6 +132,7 @@ Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
                          "copying the state to the GPU"));
     staged += words;
   }
+  if (coupled_) launch_derive_coupled(primitives_, stream);
   return upload_colour(state, stream);
 }
 
@@ -139,6 +154,11 @@ Status DeviceState::download(TrainState& state, cudaStream_t stream) {
     const std::size_t words = state.size() * static_cast<std::size_t>(arrays_[k].words);
     copy(host[k], staged, words);
     staged += words;
+  }
+  if (coupled_) {
+    state.velocity = state.set.velocity;
+    std::transform(state.set.sigma.begin(), state.set.sigma.end(), state.log_sigma.begin(),
+                   [](float sigma) { return std::log(sigma); });
   }
   return download_colour(state);
 }

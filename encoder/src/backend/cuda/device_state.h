@@ -22,10 +22,10 @@ class DeviceState {
   };
 
   // Bytes of device memory for n primitives.
-  static std::size_t bytes(std::size_t n, int sh_coefficients);
+  static std::size_t bytes(std::size_t n, int sh_coefficients, bool coupled);
 
   // Memory for up to n primitives, so that uploads allocate nothing.
-  Status reserve(std::size_t n, int sh_coefficients);
+  Status reserve(std::size_t n, int sh_coefficients, bool coupled);
   // Copies the state to the device; returns when `state` may be changed again, which is before the
   // copy has ended on the stream.
   Status upload(const TrainState& state, cudaStream_t stream);
@@ -47,6 +47,7 @@ class DeviceState {
   Status download_colour(TrainState& state);
 
   std::size_t capacity_ = 0;
+  bool coupled_ = false;  // the layout
   DeviceArray<std::uint32_t> memory_, colour_memory_;
   PinnedArray<std::uint32_t> staging_;
   std::vector<Array> arrays_;

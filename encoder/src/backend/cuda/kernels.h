@@ -35,6 +35,11 @@ struct Primitives {
   float* second[kAttributes]{};
   float* u = nullptr;      // N x 3, effective velocity v / f
   float* sigma = nullptr;  // N, exp(log_sigma)
+  // As drawn: the values, but for the coupled form, of which they are derived like u and sigma.
+  float* log_scale = nullptr;  // N x 3
+  float* rotation = nullptr;   // N x 4
+  float* v = nullptr;          // N x 3
+  float tick = 0;              // CoupledParameters::tick; 0: not in use
   std::uint32_t* updates = nullptr;
   float* gradient_sum = nullptr;  // DensifyStatistics
   float* abs_gradient_sum = nullptr;
@@ -184,6 +189,9 @@ void launch_blend_backward(const View& view, std::size_t bound, const Workspace&
 // Gradients by the parameters of the visible primitives, regularisers, statistics and Adam.
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream);
+// What is drawn of every primitive in the coupled form; wherever its values have changed, so that
+// it always comes from this one kernel and does not depend on where a run was resumed.
+void launch_derive_coupled(const Primitives& p, cudaStream_t stream);
 // The losses into `record` (mapped host memory), Adam on colour map `index`, counters for the next.
 void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,
                    const ColourMaps& colour, std::uint32_t index, float rate, StepRecord* record,

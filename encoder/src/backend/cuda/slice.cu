@@ -48,8 +48,8 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   const float opacity = opacity_of(p.values[kOpacity][i]) * visibility(dt, sigma, radius);
   if (!(opacity >= kAlphaThreshold)) return false;
 
-  const Vec3 log_scale = read3(p.values[kLogScale], i);
-  const float4 r = reinterpret_cast<const float4*>(p.values[kRotation])[i];
+  const Vec3 log_scale = read3(p.log_scale, i);
+  const float4 r = reinterpret_cast<const float4*>(p.rotation)[i];
   const Sym3 covariance = covariance_of({r.x, r.y, r.z, r.w},
                                         {expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)});
   const Projection q = project_gaussian(view.camera, position, covariance);
@@ -81,9 +81,9 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
 __device__ float4 plane_of(const Primitives& p, std::uint32_t i, const View& view) {
   const Vec3 position =
       position_at(read3(p.values[kPosition], i), read3(p.u, i), view.ticks - p.values[kTime][i]);
-  const float4 r = reinterpret_cast<const float4*>(p.values[kRotation])[i];
+  const float4 r = reinterpret_cast<const float4*>(p.rotation)[i];
   const Plane plane =
-      primitive_plane(view.camera, position, {r.x, r.y, r.z, r.w}, read3(p.values[kLogScale], i));
+      primitive_plane(view.camera, position, {r.x, r.y, r.z, r.w}, read3(p.log_scale, i));
   return make_float4(plane.normal.x, plane.normal.y, plane.normal.z, plane.distance);
 }
 

@@ -2,6 +2,7 @@
 // The end of the step for each visible primitive, a thread each: its instances' sums, the gradients
 // by its parameters (math/grad.h), regularisers, densification statistics, Adam. The harmonics,
 // most of the numbers, are then updated by the whole warp so that memory is read in rows.
+#include "backend/cuda/coupled.cuh"
 #include "backend/cuda/update_rows.cuh"
 #include "math/grad.h"
 
@@ -135,10 +136,10 @@ struct Own {
 __device__ Own load_own(const Primitives& p, std::uint32_t i) {
   Own own;
   own.position = read3(p.values[kPosition], i);
-  own.log_scale = read3(p.values[kLogScale], i);
-  own.v = read3(p.values[kVelocity], i);
+  own.log_scale = read3(p.log_scale, i);
+  own.v = read3(p.v, i);
   own.u = read3(p.u, i);
-  own.rotation = reinterpret_cast<const float4*>(p.values[kRotation])[i];
+  own.rotation = reinterpret_cast<const float4*>(p.rotation)[i];
   own.time = p.values[kTime][i];
   own.logit = p.values[kOpacity][i];
   own.sigma = p.sigma[i];
@@ -148,7 +149,7 @@ __device__ Own load_own(const Primitives& p, std::uint32_t i) {
 
 // Fills the stage of a visible primitive but for Adam's factors, and the statistics where they are
 // gathered; returns its weighted regularisers, not yet a mean. `by_plane`: gradient by its plane.
-template <bool kPlanes>
+template <bool kPlanes, bool kCoupled>
 __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const Own& own,
                                      const View& view, const UpdateSettings& settings,
                                      const ScreenSplat& splat, const Sums& sums,
@@ -197,6 +198,8 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
                   opacity_weight * share * visible_share * opacity * (1.0f - opacity);
   Vec3 d_scale{by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
                by_covariance.scale.z * scale.z};
+  // The covariance's gradient holds it already, and only the regulariser's is added here.
+  if constexpr (kCoupled) d_scale = {0.0f, 0.0f, 0.0f};
   const bool first_is_least = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
   const float least = smaller(scale.x, smaller(scale.y, scale.z));
   const float d_least = settings.weight_scale * share * least;
@@ -221,15 +224,21 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   stage[kByRotation + 3] = by_covariance.rotation.z;
   stage[kByOpacity] = d_logit;
   stage[kByTime] = -(by_motion.dt + by_visibility.dt);
-  write3(stage + kByVelocity, by_velocity.v);
-  stage[kByLogSigma] = d_sigma * sigma;
-  stage[kByRadius] = settings.learn_radius ? d_radius : radius;
+  if constexpr (kCoupled) {
+    write_coupled(stage,
+                  coupled_drawn_grad(load_coupled(p, i), p.tick, log_scale, rotation,
+                                     {by_projection.covariance, d_scale, by_motion.u, d_sigma}));
+  } else {
+    write3(stage + kByVelocity, by_velocity.v);
+    stage[kByLogSigma] = d_sigma * sigma;
+    stage[kByRadius] = settings.learn_radius ? d_radius : radius;
+  }
   if (settings.gather_statistics) statistics = statistics_of(view, grad);
   return regularisers;
 }
 
-template <bool kPlanes>
-__global__ void __launch_bounds__(kUpdateBlock, 6)
+template <bool kPlanes, bool kCoupled>
+__global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     update(const Primitives p, const View view, const UpdateSettings settings, const Workspace w) {
   __shared__ float stages[kUpdateBlock * kFields];
   __shared__ double sums[kWarps];
@@ -258,8 +267,8 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
     }
     if (own) {
       Statistics statistics{};
-      regularisers = primitive_gradients<kPlanes>(p, i, values, view, settings, splat, found,
-                                                  by_plane, share, stage, statistics);
+      regularisers = primitive_gradients<kPlanes, kCoupled>(
+          p, i, values, view, settings, splat, found, by_plane, share, stage, statistics);
       const AdamFactors factors = adam_factors(++p.updates[i]);
       stage[kFirstFactor] = factors.first;
       stage[kSecondRoot] = factors.second_root;
@@ -272,9 +281,11 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
       return its[kBasis + k / 3] * its[kByColour + k % 3];
     };
     update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage, by_harmonic);
-    update_parameters(p, i - lane, visible, settings, warp_stage);
+    update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
     __syncwarp();
-    if (own) derive(p, i, settings.modulated, stage);
+    if constexpr (!kCoupled) {
+      if (own) derive(p, i, settings.modulated, stage);
+    }
   }
   regularisers = warp_sum(regularisers);
   if (lane == 0) sums[warp] = regularisers;
@@ -289,8 +300,12 @@ __global__ void __launch_bounds__(kUpdateBlock, 6)
 
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream) {
-  const auto kernel = view.planes ? update<true> : update<false>;
+  const bool coupled = p.tick > 0.0f;  // then there are no planes
+  const auto kernel = coupled       ? update<false, true>
+                      : view.planes ? update<true, false>
+                                    : update<false, false>;
   kernel<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w);
+  if (coupled) launch_derive_coupled(p, stream);
 }
 
 }  // namespace stgs::encoder::cuda

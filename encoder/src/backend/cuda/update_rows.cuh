@@ -19,6 +19,9 @@ enum Field : int {
   kByVelocity = 12,  // the new v after Adam
   kByLogSigma = 15,  // the new log sigma after Adam
   kByRadius = 16,    // the new r after Adam
+  // In place of these three where the form is coupled, whose left rotation is at kByRotation.
+  kByRight = 12,
+  kByLogTime = 16,
   kByColour = 17,
   kBasis = 20,
   kFirstFactor = 36,
@@ -84,9 +87,14 @@ __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t firs
 }
 
 // All attributes but the harmonics; reads go ahead of writes by half of them.
-__device__ inline void update_parameters(const Primitives& p, std::uint32_t first, unsigned visible,
-                                         const UpdateSettings& s, float* stage) {
-  Rows<3> position, log_scale, velocity;
+template <bool kCoupled>
+__device__ void update_parameters(const Primitives& p, std::uint32_t first, unsigned visible,
+                                  const UpdateSettings& s, float* stage) {
+  constexpr int kVelocityField = kCoupled ? kByRight : kByVelocity;
+  constexpr int kSigmaField = kCoupled ? kByLogTime : kByLogSigma;
+  const bool learn_radius = !kCoupled && s.learn_radius;
+  Rows<3> position, log_scale;
+  Rows<kCoupled ? 4 : 3> velocity;
   Rows<4> rotation;
   Rows<1> opacity, time, log_sigma, radius;
   load_rows(p, kPosition, first, visible, position);
@@ -99,12 +107,12 @@ __device__ inline void update_parameters(const Primitives& p, std::uint32_t firs
   load_rows(p, kTime, first, visible, time);
   load_rows(p, kVelocity, first, visible, velocity);
   load_rows(p, kLogSigma, first, visible, log_sigma);
-  if (s.learn_radius) load_rows(p, kRadius, first, visible, radius);
+  if (learn_radius) load_rows(p, kRadius, first, visible, radius);
   step_rows(p, kOpacity, first, visible, s.rates[kOpacity], stage, kByOpacity, opacity);
   step_rows(p, kTime, first, visible, s.rates[kTime], stage, kByTime, time);
-  step_rows(p, kVelocity, first, visible, s.rates[kVelocity], stage, kByVelocity, velocity);
-  step_rows(p, kLogSigma, first, visible, s.rates[kLogSigma], stage, kByLogSigma, log_sigma);
-  if (s.learn_radius)
+  step_rows(p, kVelocity, first, visible, s.rates[kVelocity], stage, kVelocityField, velocity);
+  step_rows(p, kLogSigma, first, visible, s.rates[kLogSigma], stage, kSigmaField, log_sigma);
+  if (learn_radius)
     step_rows(p, kRadius, first, visible, s.rates[kRadius], stage, kByRadius, radius);
 }
 
@@ -118,6 +126,7 @@ __device__ inline void derive(const Primitives& p, std::uint32_t i, bool modulat
   p.u[3 * i + 1] = stage[kByVelocity + 1] / f;
   p.u[3 * i + 2] = stage[kByVelocity + 2] / f;
 }
+
 // The harmonics of the warp's primitives, kAhead values a lane at a time. gradient_of(owner, k) is
 // the gradient by value k, coefficient then channel, of the warp's primitive `owner`.
 template <typename GradientOf>
@@ -156,4 +165,5 @@ __device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsig
     }
   }
 }
+
 }  // namespace stgs::encoder::cuda

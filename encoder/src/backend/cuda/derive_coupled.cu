@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// derive_from_coupled of train/coupled_state.h, a primitive a thread.
+#include "backend/cuda/coupled.cuh"
+
+namespace stgs::encoder::cuda {
+namespace {
+
+constexpr int kBlock = 128;
+
+__global__ void derive_coupled(const Primitives p) {
+  const std::uint32_t i = blockIdx.x * kBlock + threadIdx.x;
+  if (i >= p.n) return;
+  const math::CoupledDrawn drawn = math::coupled_drawn(load_coupled(p, i), p.tick);
+  write3(p.log_scale + std::size_t{3} * i, drawn.log_scale);
+  write4(p.rotation + std::size_t{4} * i, drawn.rotation);
+  write3(p.u + std::size_t{3} * i, drawn.u);
+  p.sigma[i] = drawn.sigma;
+}
+
+}  // namespace
+
+void launch_derive_coupled(const Primitives& p, cudaStream_t stream) {
+  derive_coupled<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p);
+}
+
+}  // namespace stgs::encoder::cuda

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tests of the CUDA training backend share.
+#pragma once
+
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <vector>
+
+#include "backend/cuda/cuda_backend.h"
+
+namespace stgs::testing {
+
+inline constexpr const char* kAttributeNames[encoder::kAttributes] = {
+    "position", "log_scale", "rotation",  "opacity", "sh",
+    "time",     "velocity",  "log_sigma", "radius"};
+
+// |a - b| / |a|, in double; infinite where a number is not finite.
+template <typename T>
+double difference(const std::vector<T>& a, const std::vector<T>& b) {
+  if (a.size() != b.size()) return INFINITY;
+  double square = 0, length = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double d = static_cast<double>(a[i]) - static_cast<double>(b[i]);
+    square += d * d;
+    length += static_cast<double>(a[i]) * a[i];
+  }
+  const double share = length > 0 ? std::sqrt(square / length) : std::sqrt(square);
+  return std::isfinite(share) ? share : INFINITY;
+}
+
+// One for all test cases, which then also follow each other on it.
+inline encoder::cuda::CudaBackend& cuda_backend() {
+  static encoder::cuda::CudaBackend backend;
+  static const Status status = backend.create();
+  REQUIRE(status.ok());
+  return backend;
+}
+
+inline void check(const Status& status) {
+  INFO(status.message());
+  REQUIRE(status.ok());
+}
+
+}  // namespace stgs::testing

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// The ablation's coupled representation on the CUDA backend against the CPU's; compared as in
+// test_cuda_backend.cpp.
+#include <algorithm>
+#include <cstdio>
+#include <random>
+
+#include "cuda_backend_check.h"
+#include "stgs/encoder/train.h"
+#include "synthetic_capture.h"
+#include "train/coupled_state.h"
+#include "train_scene.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+namespace {
+
+constexpr int kWidth = 160, kHeight = 96;
+
+// Away from round, whose axes are anybody's, and from the start: what some training would leave.
+TrainState coupled_state(std::size_t n) {
+  Gaussians4D set = random_scene(n, scene_camera(kWidth, kHeight), 5, {.sh_degree = 2});
+  for (std::size_t i = 0; i < n; ++i) {
+    std::fill_n(&set.log_scale[3 * i], 3, set.log_scale[3 * i]);
+    const float identity[4] = {1, 0, 0, 0};
+    std::copy_n(identity, 4, &set.rotation[4 * i]);
+  }
+  TrainState state = train_state(std::move(set), 1);
+  start_coupled(state, 1.0f / 30.0f);
+  std::mt19937 random(8);
+  std::normal_distribution<float> normal(0.0f, 1.0f);
+  for (float& v : state.coupled.left) v += 0.05f * normal(random);
+  for (float& v : state.coupled.right) v += 0.01f * normal(random);
+  for (float& v : state.coupled.log_scale) v += 0.5f * normal(random);
+  state.derive_all(false);
+  return state;
+}
+
+StepInput coupled_step(const Image8& truth) {
+  StepInput input = train_step(scene_camera(kWidth, kHeight), truth, 8.0f, 2);
+  input.modulated = input.learn_radius = false;
+  return input;
+}
+
+void reserve(TrainBackend& backend, const TrainState& state) {
+  TrainPlan plan;
+  plan.primitives = state.size();
+  plan.sh_coefficients = state.set.sh_coefficients();
+  plan.width = kWidth;
+  plan.height = kHeight;
+  plan.coupled = true;
+  check(backend.reserve(plan));
+}
+
+void steps(TrainBackend& backend, TrainState& state, int count) {
+  const Image8 truth = random_truth(kWidth, kHeight, 100);
+  reserve(backend, state);
+  check(backend.begin(state));
+  for (int s = 0; s < count; ++s) check(backend.step(coupled_step(truth)));
+  check(backend.read().status());
+  check(backend.synchronise());
+}
+
+void compare(const char* name, const std::vector<float>& a, const std::vector<float>& b,
+             double tolerance) {
+  const double d = difference(a, b);
+  std::printf("  coupled %-14s %.2e\n", name, d);
+  INFO(name);
+  CHECK(d <= tolerance);
+}
+
+void compare_drawn(const TrainState& cpu, const TrainState& gpu, double tolerance) {
+  compare("drawn scales", cpu.set.log_scale, gpu.set.log_scale, tolerance);
+  compare("drawn rotation", cpu.set.rotation, gpu.set.rotation, 30 * tolerance);
+  compare("drawn u", cpu.set.velocity, gpu.set.velocity, tolerance);
+  compare("drawn sigma", cpu.set.sigma, gpu.set.sigma, tolerance);
+  CHECK(gpu.velocity == gpu.set.velocity);
+}
+
+}  // namespace
+
+TEST_CASE("a step of the coupled form has the CPU's gradients, and draws what it draws") {
+  TrainState cpu = coupled_state(3000), gpu = cpu;
+  const auto reference = make_cpu_backend();
+  steps(*reference, cpu, 1);
+  steps(cuda_backend(), gpu, 1);
+  for (int a = 0; a < kAttributes; ++a) {
+    compare(kAttributeNames[a], cpu.moments[a].first, gpu.moments[a].first, 5e-3);
+  }
+  CHECK(gpu.set.radius == cpu.set.radius);
+  compare_drawn(cpu, gpu, 1e-4);
+}
+
+TEST_CASE("densification of the coupled form makes the CPU's decisions") {
+  HyperParameters parameters = *preset_hyper_parameters("fast");
+  parameters.max_primitives = 8000;
+  for (const bool refining : {false, true}) {
+    TrainState cpu = coupled_state(5000);
+    std::mt19937 random(3);
+    std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+    for (std::size_t i = 0; i < cpu.size(); ++i) {
+      cpu.statistics.views[i] = 3;
+      cpu.statistics.gradient_sum[i] = 1e-3f * uniform(random);
+      cpu.statistics.abs_gradient_sum[i] = 2e-3f * uniform(random);
+      cpu.statistics.error_max[i] = uniform(random);
+      if (i % 17 == 3) cpu.set.opacity_logit[i] = -7.0f;
+      if (i % 911 == 5) cpu.coupled.right[4 * i + 2] = NAN;
+    }
+    cpu.iteration = 700;
+    TrainState gpu = cpu;
+    const DensifyInput input{&parameters, {2.0f, false, false, 11}, refining, false};
+    const auto reference = make_cpu_backend();
+    check(reference->begin(cpu));
+    const Result<DensifyCounts> expected = reference->densify(input);
+    check(expected.status());
+    check(cuda_backend().begin(gpu));
+    const Result<DensifyCounts> found = cuda_backend().densify(input);
+    check(found.status());
+    check(cuda_backend().synchronise());
+    INFO((refining ? "replace" : "grow"));
+    CHECK(expected->cloned + expected->split + expected->replaced > 100);
+    CHECK(found->broken == expected->broken);
+    CHECK(found->cloned == expected->cloned);
+    CHECK(found->split == expected->split);
+    CHECK(found->removed == expected->removed);
+    CHECK(found->replaced == expected->replaced);
+    REQUIRE(gpu.size() == cpu.size());
+    CHECK(gpu.updates == cpu.updates);
+    // replace() leaves what is broken where there is nothing to put in its place.
+    if (refining) continue;
+    for (int a : {kLogScale, kRotation, kOpacity, kVelocity, kLogSigma}) {
+      compare(kAttributeNames[a], cpu.values(a), gpu.values(a), 1e-5);
+    }
+    compare("position", cpu.set.position, gpu.set.position, 1e-3);
+    compare_drawn(cpu, gpu, 1e-4);
+  }
+}
+
+TEST_CASE("the coupled form trains on CUDA, and resumes to the same bits") {
+  const test::SyntheticCapture synthetic("train_cuda_coupled");
+  TrainSettings settings;
+  settings.backend = "cuda";
+  settings.preset = "fast";
+  settings.ablate = "representation";
+  settings.iterations = 400;
+  settings.max_primitives = 600;
+  settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
+  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(whole.status());
+  const double psnr = test::held_out_psnr(synthetic, whole->gaussians);
+  std::printf("  coupled held-out PSNR %.2f dB\n", psnr);
+  CHECK(psnr > 22.0);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 235;
+  const auto stop = [&](const Progress& progress) {
+    return progress.stage != "train" || progress.detail.find("iteration 235,") != 0;
+  };
+  REQUIRE_FALSE(train(synthetic.capture, settings, stop, nullptr, nullptr).ok());
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(resumed.status());
+  CHECK(resumed->gaussians.position == whole->gaussians.position);
+  CHECK(resumed->gaussians.rotation == whole->gaussians.rotation);
+  CHECK(resumed->gaussians.log_scale == whole->gaussians.log_scale);
+  CHECK(resumed->gaussians.velocity == whole->gaussians.velocity);
+}
