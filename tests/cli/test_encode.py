@@ -316,6 +316,22 @@ class Training(Paging):
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
+    def test_normals_are_trained_and_logged_where_asked_for(self):
+        args = self.train("--iterations", "60", "--max-primitives", "300", "--log", "log.jsonl")
+        self.succeeds(*args)
+        self.assertEqual(self.normals(), [0, 0, 0])
+        without = self.read("out.stgs")
+        self.succeeds(*args, "--set", "weight_normal=0.01", "--set", "normal_from=0.5")
+        first, *later = self.normals()
+        self.assertEqual(first, 0)
+        self.assertTrue(later and all(value > 0 for value in later))
+        self.assertNotEqual(self.read("out.stgs"), without)
+        told = self.succeeds(*args, "--set", "weight_normal=0.01", "--ablate", "representation")
+        self.assertIn("L_n (weight_normal) is off", told.stderr.decode())
+
+    def normals(self):
+        return [line["normal"] for line in self.log("log.jsonl") if "normal" in line]
+
     def test_frames_from_disk_give_the_same_scene(self):
         args = self.train("--iterations", "20", "--max-primitives", "300")
         frames = self.json_of(*args)["frames"]

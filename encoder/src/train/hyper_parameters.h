@@ -22,7 +22,7 @@ struct HyperParameters {
   double weight_lifespan = 1e-3;    // L_t
   double weight_opacity = 1e-2;     // L_opacity, second stage only
   double weight_scale = 1e-2;       // L_scale, divided by the scene's radius
-  double weight_normal = 0.0;       // L_n, normals against depth; 0: off
+  double weight_normal = 0.0;       // L_n: smooths surfaces, gains no PSNR; 0: off (PGSR: 0.015)
   double weight_perceptual = 0.01;  // L_lpips, where there are weights for the network
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
