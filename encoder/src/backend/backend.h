@@ -35,7 +35,7 @@ struct StepInput {
   float rate_colour = 0;
   float weight_l1 = 0, weight_ssim = 0;
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
-  float weight_normal = 0;      // 0: L_n is off, and costs nothing
+  float weight_normal = 0;      // 0: L_n is off, and costs nothing; no coupled state has it
   float weight_perceptual = 0;  // > 0 only where the plan has a network
   Patch patch;                  // what the perceptual loss looks at
 };
