@@ -43,26 +43,9 @@ STGS_FN VisibilityGrad visibility_grad(float dt, float sigma, float radius, floa
   return g;
 }
 
-// df/dsigma = df/dradius of the modulation f.
-STGS_FN float lifespan_modulation_grad(float sigma, float radius) {
-  float span = sigma + radius;
-  return span * span > 1.0f ? 2.0f * span : 0.0f;
-}
-
-// From the gradient by u = v / f to those by the learnt v and, through f, by sigma and by radius.
-struct VelocityGrad {
-  Vec3 v;
-  float sigma, radius;
-};
-
-STGS_FN VelocityGrad effective_velocity_grad(Vec3 v, float sigma, float radius, Vec3 grad_u) {
-  float inverse = 1.0f / lifespan_modulation(sigma, radius);
-  VelocityGrad g;
-  g.v = vec3_scale(grad_u, inverse);
-  float by_f = -dot3(grad_u, v) * inverse * inverse;
-  g.sigma = by_f * lifespan_modulation_grad(sigma, radius);
-  g.radius = g.sigma;
-  return g;
+// From the gradient by u = v / f to that by the learnt v, for a lifespan that is held.
+STGS_FN Vec3 effective_velocity_grad(float sigma, float radius, Vec3 grad_u) {
+  return vec3_scale(grad_u, 1.0f / lifespan_modulation(sigma, radius));
 }
 
 struct MotionGrad {

@@ -154,15 +154,18 @@ SyntheticCapture::~SyntheticCapture() {
   std::filesystem::remove_all(capture.folder);
 }
 
-double held_out_psnr(const SyntheticCapture& synthetic, const Gaussians4D& scene) {
+double held_out_psnr(const SyntheticCapture& synthetic, const Scene& scene) {
   const encoder::PreparedCapture& capture = synthetic.capture;
   const encoder::Camera& camera = capture.cameras.front();
   SplatFrame frame;
   RasterOutput shown, truth;
+  RasterSettings settings;
+  const float* background = scene.metadata.background;
+  settings.background = {background[0], background[1], background[2]};
   double sum = 0;
   for (int f = 0; f < capture.frames; ++f) {
     const math::PinholeCamera pinhole = camera.pinhole(capture.near_plane);
-    render(scene, static_cast<float>(f), pinhole, {}, frame, shown);
+    render(scene.gaussians, static_cast<float>(f), pinhole, settings, frame, shown);
     render(synthetic.truth, static_cast<float>(f), pinhole, {}, frame, truth);
     double squares = 0;
     for (std::size_t i = 0; i < truth.colour.data.size(); ++i) {

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "stgs/encoder/prepared_capture.h"
+#include "stgs/format/scene_file.h"
 
 namespace stgs::test {
 
@@ -20,6 +21,6 @@ struct SyntheticCapture {
 };
 
 // PSNR in dB of a scene against the frames of the held-out camera, mean over frames.
-double held_out_psnr(const SyntheticCapture& synthetic, const Gaussians4D& scene);
+double held_out_psnr(const SyntheticCapture& synthetic, const Scene& scene);
 
 }  // namespace stgs::test

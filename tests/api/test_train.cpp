@@ -45,8 +45,8 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
   REQUIRE(start.ok());
   const Result<Scene> scene = run(synthetic, short_run(600));
   REQUIRE(scene.ok());
-  const double before = held_out_psnr(synthetic, start->gaussians);
-  const double after = held_out_psnr(synthetic, scene->gaussians);
+  const double before = held_out_psnr(synthetic, *start);
+  const double after = held_out_psnr(synthetic, *scene);
   CAPTURE(before, after);
   CHECK(after > before + 6.0);
   CHECK(after > 24.0);
@@ -104,7 +104,7 @@ TEST_CASE("measuring held-out views changes nothing and says what it sees") {
   CHECK(report.held_out->pictures == 6);
   CHECK(report.held_out->psnr == log->measures.back().score.psnr);
   CHECK(report.held_out->psnr ==
-        Approx(held_out_psnr(synthetic, with->gaussians)).margin(0.05));  // of 8-bit truth
+        Approx(held_out_psnr(synthetic, *with)).margin(0.05));  // of 8-bit truth
   CHECK(report.held_out->psnr_cc >= report.held_out->psnr);
   CHECK(report.held_out->psnr > log->measures.front().score.psnr);
 }
@@ -209,7 +209,7 @@ TEST_CASE("the coupled representation trains, and resumes to the same bits") {
   TrainReport report;
   const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, &report);
   REQUIRE(whole.ok());
-  CHECK(held_out_psnr(synthetic, whole->gaussians) > 22.0);
+  CHECK(held_out_psnr(synthetic, *whole) > 22.0);
   std::filesystem::remove(settings.checkpoint);
   REQUIRE_FALSE(run(synthetic, settings, [&](const Progress& progress) {
                   return progress.stage != "train" || !std::filesystem::exists(settings.checkpoint);

@@ -78,7 +78,7 @@ void measure(const Row& row, int repetitions, bool first) {
   });
   const Time project_backward_time = measure_stage(repetitions, [&] {
     cpu::project_backward(set, 10.0f, camera, settings, frame, splats, gradients);
-    cpu::modulation_backward(set, set.velocity, frame, gradients);
+    cpu::modulation_backward(set, frame, gradients);
   });
   double extent = 0;
   for (const Splat& s : frame.splats) extent += (s.extent.x + s.extent.y) / 2.0;

@@ -20,16 +20,14 @@ using namespace stgs::encoder::cpu;
 
 namespace {
 
-// What a trainer learns: the set, with v in place of u = v / f.
+// What a trainer learns: the set, with v in place of u = v / f, where f is that of the lifespans at
+// the start, since a trainer carries the motion along.
 struct Model {
   Gaussians4D set;
-  std::vector<float> v;
+  std::vector<float> v, f;
 
   void derive() {
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      const float f = math::lifespan_modulation(set.sigma[i], set.radius[i]);
-      for (int k = 0; k < 3; ++k) set.velocity[3 * i + k] = v[3 * i + k] / f;
-    }
+    for (std::size_t k = 0; k < v.size(); ++k) set.velocity[k] = v[k] / f[k / 3];
   }
 };
 
@@ -103,6 +101,8 @@ Problem make_problem(unsigned seed) {
     place(p, i, c);
     for (int k = 0; k < 3; ++k) set.log_scale[3 * i + k] += std::log(z);
   }
+  for (std::size_t i = 0; i < n; ++i)
+    p.model.f.push_back(math::lifespan_modulation(set.sigma[i], set.radius[i]));
   p.model.v[0] = p.model.v[1] = p.model.v[2] = 0.0f;
 
   p.weights.reshape(43, 29, 3);
@@ -149,7 +149,7 @@ TEST_CASE("gradients of every parameter agree with finite differences") {
       PrimitiveGradients g;
       blend_backward(p.frame, settings, p.output, p.weights, nullptr, scratch, splats);
       project_backward(p.model.set, p.t, p.camera, settings, p.frame, splats, g);
-      modulation_backward(p.model.set, p.model.v, p.frame, g);
+      modulation_backward(p.model.set, p.frame, g);
       Gaussians4D& set = p.model.set;
       check(p, "position", set.position, g.position, 5e-3f);
       check(p, "log_scale", set.log_scale, g.log_scale, 8e-3f);
@@ -174,7 +174,7 @@ TEST_CASE("harmonics above the degree in use have no gradient, and those below a
     PrimitiveGradients g;
     blend_backward(p.frame, p.settings, p.output, p.weights, nullptr, scratch, splats);
     project_backward(p.model.set, p.t, p.camera, p.settings, p.frame, splats, g);
-    modulation_backward(p.model.set, p.model.v, p.frame, g);
+    modulation_backward(p.model.set, p.frame, g);
     const std::size_t used = 3 * static_cast<std::size_t>((degree + 1) * (degree + 1));
     REQUIRE(g.sh.size() == used * p.model.set.size());
     std::vector<float> padded(p.model.set.sh.size(), 0.0f);

@@ -159,6 +159,36 @@ TEST_CASE("the regularisers' gradients match finite differences of their loss") 
   }
 }
 
+TEST_CASE("a lifespan that changes leaves the motion as it is") {
+  TrainState state = random_state(4, 6);
+  state.derive_all(true);
+  const std::vector<float> before = state.set.velocity;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
+    state.log_sigma[i] += 1.5f;
+    state.set.radius[i] += 2.0f;
+    state.carry_motion(i, f);
+    state.derive(i, true);
+    CHECK(state.set.sigma[i] == Approx(std::exp(state.log_sigma[i])));
+  }
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    CHECK(state.set.velocity[k] == Approx(before[k]).epsilon(1e-5));
+  }
+}
+
+TEST_CASE("a step leaves out its share of the primitives, others each time") {
+  constexpr std::uint32_t kMany = 20000;
+  const Random first(1, 5, RandomPurpose::kDrop), second(1, 6, RandomPurpose::kDrop);
+  int left_out = 0, by_both = 0;
+  for (std::uint32_t i = 0; i < kMany; ++i) {
+    CHECK_FALSE(dropped(first, 0.0f, i));
+    left_out += dropped(first, 0.1f, i);
+    by_both += dropped(first, 0.1f, i) && dropped(second, 0.1f, i);
+  }
+  CHECK(left_out == Approx(0.1 * kMany).epsilon(0.1));
+  CHECK(by_both == Approx(0.01 * kMany).epsilon(0.3));
+}
+
 TEST_CASE("two clones let as much light through as the one they came from") {
   for (const float logit : {-4.0f, -1.0f, 0.0f, 2.0f, 6.0f}) {
     const float copy = math::opacity_of(cloned_logit(logit));

@@ -67,6 +67,9 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   input.camera = camera;
   input.ticks = ticks;
   input.truth = encoder::borrowed_picture(truth, reinterpret_cast<std::uintptr_t>(&truth));
+  input.background = {0.3f, 0.1f, 0.6f};
+  input.drop_share = 0.1f;
+  input.drop_random = encoder::Random(3, 7, encoder::RandomPurpose::kDrop);
   input.sh_degree = sh_degree;
   input.second_stage = true;
   input.gather_statistics = true;

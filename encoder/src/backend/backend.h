@@ -16,15 +16,20 @@
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
 #include "train/picture.h"
+#include "train/random.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder {
 
 struct StepInput {
   math::PinholeCamera camera;
-  float ticks = 0;                         // moment, frames
-  Picture truth;                           // the camera's size
-  std::size_t colour_index = 0;            // which colour correction
+  float ticks = 0;                 // moment, frames
+  Picture truth;                   // the camera's size
+  std::size_t colour_index = 0;    // which colour correction
+  math::Vec3 background{0, 0, 0};  // sRGB-encoded
+  // Share of the primitives that are left out, and from what they are drawn (dropped()).
+  float drop_share = 0;
+  Random drop_random{0, 0, RandomPurpose::kDrop};
   int sh_degree = 0;                       // harmonics in use
   bool modulated = true;                   // false: f = 1
   bool learn_radius = true;                // false: r stays as it is

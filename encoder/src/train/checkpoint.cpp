@@ -13,7 +13,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '2'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '3'};
 
 class Writer {
  public:
@@ -93,6 +93,7 @@ void visit_state(State& state, Archive& archive) {
   archive.array(state.statistics.abs_gradient_sum);
   archive.array(state.statistics.error_max);
   archive.array(state.statistics.views);
+  archive.value(state.background);
   archive.array(state.colour);
   archive.array(state.colour_first);
   archive.array(state.colour_second);

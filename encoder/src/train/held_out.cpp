@@ -39,12 +39,14 @@ Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture) {
   return held_out;
 }
 
-HeldOutScore HeldOutViews::measure(const Gaussians4D& set) const {
+HeldOutScore HeldOutViews::measure(const Gaussians4D& set, math::Vec3 background) const {
   HeldOutScore score;
   SplatFrame frame;
   RasterOutput output;
+  RasterSettings settings;
+  settings.background = background;
   for (const View& view : views_) {
-    render(set, view.ticks, view.camera, {}, frame, output);
+    render(set, view.ticks, view.camera, settings, frame, output);
     // What is not a number counts as black.
     for (float& v : output.colour.data) v = v > 0.0f ? std::min(v, 1.0f) : 0.0f;
     const Image truth = to_float(view.truth);

@@ -56,6 +56,8 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("score_opacity", p.score_opacity);
   visit("score_lifespan", p.score_lifespan);
   visit("replace_limit", p.replace_limit);
+  visit("drop_share", p.drop_share);
+  visit("seen_background", p.seen_background);
   visit("initial_opacity", p.initial_opacity);
   visit("initial_opacity_dynamic", p.initial_opacity_dynamic);
   visit("initial_scale", p.initial_scale);
@@ -82,11 +84,13 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
     p.iterations = 3000;
     p.max_primitives = 40000;
     p.sh_degree = 2;
+    p.drop_share = 0;
     return p;
   }
   if (preset == "best") {
     p.iterations = 30000;
     p.max_primitives = 200000;
+    p.drop_share = 0.1;
     return p;
   }
   return usage_error("unknown preset '{}': use fast, default or best", preset);

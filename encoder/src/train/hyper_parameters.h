@@ -69,6 +69,10 @@ struct HyperParameters {
   double score_lifespan = 0.5;  // lambda_l
   double replace_limit = 0.05;  // replaced a step, share of N
 
+  // Share of the primitives that a step leaves out, chosen anew for each: what only one camera
+  // needs is not relied on (held-out views gain where there are many steps and primitives).
+  double drop_share = 0.05;
+
   // Start.
   double initial_opacity = 0.5;
   double initial_opacity_dynamic = 0.5;
@@ -76,7 +80,9 @@ struct HyperParameters {
   double sigma_dynamic = 3.0;    // frames (paper 3.3)
   double sigma_static = 3.0;     // clip lengths (paper 3.3)
   double initial_radius = 1e-6;  // frames (paper 3.3)
-  int velocity_times_f = 1;      // 1: v = f v_init keeps the measured motion; 0: v = v_init
+  int seen_background =
+      1;  // 1: behind the scene is what its views show there (scene_background); 0: black
+  int velocity_times_f = 1;  // 1: v = f v_init keeps the measured motion; 0: v = v_init
 };
 
 // The values of a preset: fast, default or best.

@@ -12,6 +12,7 @@
 #include "stgs/format/parallel.h"
 #include "train/coupled_state.h"
 #include "train/random.h"
+#include "train/scene_background.h"
 
 namespace stgs::encoder {
 namespace {
@@ -166,6 +167,9 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     // Seconds, as in 4DGS: in frames, a step of the rotations would move far what lives long.
     start_coupled(state, static_cast<float>(capture.time_base.seconds(1)));
     state.derive_all(false);
+  }
+  if (parameters.seen_background != 0) {
+    STGS_ASSIGN(state.background, scene_background(capture, state.set));
   }
   return state;
 }

@@ -10,7 +10,13 @@
 
 namespace stgs::encoder {
 
-enum class RandomPurpose : std::uint64_t { kInitial = 1, kViews = 2, kDensify = 3, kPatch = 4 };
+enum class RandomPurpose : std::uint64_t {
+  kInitial = 1,
+  kViews = 2,
+  kDensify = 3,
+  kPatch = 4,
+  kDrop = 5
+};
 
 class Random {
  public:
@@ -49,5 +55,11 @@ class Random {
 
   std::uint64_t state_;
 };
+
+// Whether a step leaves primitive i out: each by itself with the probability `share`.
+STGS_FN bool dropped(Random random, float share, std::uint32_t i) {
+  random.skip(i);
+  return random.uniform() < share;
+}
 
 }  // namespace stgs::encoder

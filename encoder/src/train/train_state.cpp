@@ -80,6 +80,11 @@ void TrainState::resize(std::size_t n) {
   statistics.views.resize(n, 0);
 }
 
+void TrainState::carry_motion(std::size_t i, float f) {
+  const float share = math::lifespan_modulation(std::exp(log_sigma[i]), set.radius[i]) / f;
+  for (int c = 0; c < 3; ++c) velocity[3 * i + c] *= share;
+}
+
 void TrainState::derive(std::size_t i, bool modulated) {
   if (is_coupled()) {
     derive_from_coupled(*this, i);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "stgs/format/gaussian4d.h"
+#include "stgs/format/math/lang.h"
 
 namespace stgs::encoder {
 
@@ -65,7 +66,8 @@ struct TrainState {
   std::vector<std::uint32_t> updates;  // N, Adam steps each primitive has had
   DensifyStatistics statistics;
 
-  std::vector<ColourMap> colour;  // one a training camera
+  math::Vec3 background{0.0f, 0.0f, 0.0f};  // behind everything, sRGB-encoded
+  std::vector<ColourMap> colour;            // one a training camera
   std::vector<ColourMap> colour_first, colour_second;
   std::vector<std::uint32_t> colour_updates;
 
@@ -82,6 +84,10 @@ struct TrainState {
 
   void resize(std::size_t n);
   bool is_coupled() const { return coupled.tick > 0; }
+  // After a change of primitive i's lifespan from one with the modulation f: scales v so that the
+  // motion u = v / f goes on as it was. Left to itself, each change of sigma or r would change the
+  // motion too, which keeps lifespans from being learnt (measured in tests/bench/RESULTS.md).
+  void carry_motion(std::size_t i, float f);
   // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1. Where it
   // is coupled, all that derives from the coupled form.
   void derive(std::size_t i, bool modulated);

@@ -10,6 +10,7 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
+#include "train/random.h"
 #include "train/start_camera.h"
 
 namespace stgs::encoder {
@@ -157,6 +158,9 @@ Result<StepInput> Trainer::step_input() {
   STGS_ASSIGN(input.truth,
               images_.next([this](std::uint64_t k) { return view_at(state_.iteration + k); }));
   input.colour_index = camera;
+  input.background = state_.background;
+  input.drop_share = static_cast<float>(p.drop_share);
+  input.drop_random = Random(settings_.seed, state_.iteration, RandomPurpose::kDrop);
   input.sh_degree =
       p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
   input.modulated = ablation_.modulation;
@@ -276,7 +280,7 @@ Status Trainer::measure_held_out() {
 
 bool Trainer::measure_held_out_now() {
   try {
-    score_ = held_out_.measure(state_.set);
+    score_ = held_out_.measure(state_.set, state_.background);
     return true;
   } catch (const std::length_error& error) {
     log_(1, fmt::format("iteration {}: held-out views could not be drawn: {}", state_.iteration,
@@ -334,6 +338,7 @@ Scene Trainer::scene() const {
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metric = capture_.metric;
   metadata.near_plane = capture_.near_plane;
+  std::copy_n(&state_.background.x, 3, metadata.background);
   metadata.start_camera = start_camera(images_.cameras());
   metadata.generator = "stgs " STGS_VERSION;
   return scene;

@@ -7,6 +7,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/gaussian4d.h"
+#include "stgs/format/math/lang.h"
 
 namespace stgs::encoder {
 
@@ -33,9 +34,9 @@ class HeldOutViews {
   static Result<HeldOutViews> load(const PreparedCapture& capture);
 
   bool empty() const { return views_.empty(); }
-  // Draws the set, black behind it, clamps to [0,1] and compares. Uses all threads; the result does
-  // not depend on their number. Throws std::length_error as bin() does.
-  HeldOutScore measure(const Gaussians4D& set) const;
+  // Draws the set before `background` (sRGB-encoded), clamps to [0,1] and compares. Uses all
+  // threads; the result does not depend on their number. Throws std::length_error as bin() does.
+  HeldOutScore measure(const Gaussians4D& set, math::Vec3 background) const;
 
  private:
   struct View {

@@ -12,6 +12,7 @@
 #include "backend/cpu/surface.h"
 #include "perceptual/perceptual_loss.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
 #include "train/adam.h"
@@ -80,8 +81,14 @@ double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings
 Status CpuBackend::step(const StepInput& input) {
   RasterSettings settings;
   settings.max_sh_degree = input.sh_degree;
+  settings.background = input.background;
   begin_frame(input.camera, frame_);
   slice(state_->set, input.ticks, input.camera, settings, 0, frame_);
+  if (input.drop_share > 0) {
+    std::erase_if(frame_.splats, [&input](const Splat& splat) {
+      return dropped(input.drop_random, input.drop_share, splat.id);
+    });
+  }
   bin(frame_);
   blend(frame_, settings, output_);
 
@@ -108,7 +115,7 @@ Status CpuBackend::step(const StepInput& input) {
   }
   // With f = 1 the effective velocity is the learnt one.
   if (input.modulated) {
-    cpu::modulation_backward(state_->set, state_->velocity, frame_, gradients_);
+    cpu::modulation_backward(state_->set, frame_, gradients_);
   }
   out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input) +
              input.weight_normal * out.normal + input.weight_perceptual * out.perceptual;
@@ -162,6 +169,8 @@ void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
   cpu::regularise(state, frame_.splats.size(), i, input, gradients_.log_scale.data() + 3 * splat,
                   gradients_.opacity_logit[splat], gradients_.sigma[splat],
                   gradients_.radius[splat]);
+  const float modulation =
+      input.modulated ? math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]) : 1.0f;
   const float d_log_sigma = gradients_.sigma[splat] * state.set.sigma[i];
 
   const AdamCorrection correction(++state.updates[i]);
@@ -200,6 +209,7 @@ void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
   const std::size_t sh = std::size_t{3} * gradients_.sh_coefficients;
   apply(kSh, gradients_.sh.data() + sh * splat, 3, input.rate_sh0);
   if (sh > 3) apply(kSh, gradients_.sh.data() + sh * splat + 3, sh - 3, input.rates[kSh], 3);
+  if (input.modulated && !state.is_coupled()) state.carry_motion(i, modulation);
   state.derive(i, input.modulated);
 }
 

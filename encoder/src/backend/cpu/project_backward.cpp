@@ -108,19 +108,15 @@ void project_backward(const Gaussians4D& set, float t, const PinholeCamera& came
                   });
 }
 
-void modulation_backward(const Gaussians4D& set, const std::vector<float>& velocity,
-                         const SplatFrame& frame, PrimitiveGradients& out) {
-  parallel_blocks(std::size_t{0}, frame.splats.size(), kBlock,
-                  [&](std::size_t first, std::size_t last) {
-                    for (std::size_t s = first; s < last; ++s) {
-                      const std::size_t i = frame.splats[s].id;
-                      const VelocityGrad g = effective_velocity_grad(
-                          read3(velocity, i), set.sigma[i], set.radius[i], read3(out.velocity, s));
-                      write3(out.velocity, s, g.v);
-                      out.sigma[s] += g.sigma;
-                      out.radius[s] += g.radius;
-                    }
-                  });
+void modulation_backward(const Gaussians4D& set, const SplatFrame& frame, PrimitiveGradients& out) {
+  parallel_blocks(
+      std::size_t{0}, frame.splats.size(), kBlock, [&](std::size_t first, std::size_t last) {
+        for (std::size_t s = first; s < last; ++s) {
+          const std::size_t i = frame.splats[s].id;
+          write3(out.velocity, s,
+                 effective_velocity_grad(set.sigma[i], set.radius[i], read3(out.velocity, s)));
+        }
+      });
 }
 
 }  // namespace stgs::encoder::cpu

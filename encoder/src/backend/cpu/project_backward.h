@@ -39,9 +39,8 @@ void project_backward(const Gaussians4D& set, float t, const math::PinholeCamera
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out);
 
 // For a trainer that learns v: turns out.velocity from the gradient by u = v / f(sigma, r) into the
-// gradient by v, and adds what goes through f to out.sigma and out.radius. `velocity` is N x 3, the
-// learnt v of every primitive; sigma and radius are the set's.
-void modulation_backward(const Gaussians4D& set, const std::vector<float>& velocity,
-                         const SplatFrame& frame, PrimitiveGradients& out);
+// gradient by v. Nothing goes through f to sigma and r, for TrainState::carry_motion keeps u where
+// they change.
+void modulation_backward(const Gaussians4D& set, const SplatFrame& frame, PrimitiveGradients& out);
 
 }  // namespace stgs::encoder::cpu

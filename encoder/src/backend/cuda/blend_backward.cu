@@ -92,7 +92,10 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   const float4 picture = w.picture[at];
   p.transmittance = picture.w;
   p.last = static_cast<int>(w.last[at]);
-  if (p.last <= end) return p;
+  if (p.last <= end) {
+    p.behind = d.x * view.background.x + d.y * view.background.y + d.z * view.background.z;
+    return p;
+  }
   checkpoint += (y & (kTile - 1)) * kTile + (x & (kTile - 1));
   const float4 front = w.checkpoints[checkpoint];
   p.last = end;

@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "stgs/format/math/project.h"
+#include "train/random.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder::cuda {
@@ -69,6 +70,9 @@ struct View {
   math::PinholeCamera camera;
   math::Vec3 centre;  // of the camera, in the world
   float ticks = 0;
+  math::Vec3 background{0, 0, 0};
+  float drop_share = 0;  // of the primitives, see dropped()
+  Random drop_random{0, 0, RandomPurpose::kDrop};
   int coefficients = 1;  // harmonics evaluated
   int width = 0, height = 0;
   int tiles_x = 0, tiles_y = 0;

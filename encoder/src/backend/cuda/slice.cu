@@ -39,6 +39,7 @@ __device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, S
 
 __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& view,
                            ScreenSplat& out) {
+  if (view.drop_share > 0.0f && dropped(view.drop_random, view.drop_share, i)) return false;
   const float dt = view.ticks - p.values[kTime][i];
   const float sigma = p.sigma[i], radius = p.values[kRadius][i];
   const float beyond = fabsf(dt) - radius;

@@ -11,6 +11,9 @@ View view_of(const StepInput& input, int stored_coefficients) {
   view.camera = input.camera;
   view.centre = math::camera_centre(input.camera);
   view.ticks = input.ticks;
+  view.background = input.background;
+  view.drop_share = input.drop_share;
+  view.drop_random = input.drop_random;
   view.coefficients = std::min((input.sh_degree + 1) * (input.sh_degree + 1), stored_coefficients);
   view.width = static_cast<int>(input.camera.width);
   view.height = static_cast<int>(input.camera.height);

@@ -128,7 +128,7 @@ __device__ void gather_statistics(const Primitives& p, std::uint32_t i, const St
 
 // A primitive's own values, read before anything that waits.
 struct Own {
-  Vec3 position, log_scale, v, u;
+  Vec3 position, log_scale, u;
   float4 rotation;
   float time, logit, sigma, radius;
 };
@@ -137,7 +137,6 @@ __device__ Own load_own(const Primitives& p, std::uint32_t i) {
   Own own;
   own.position = read3(p.values[kPosition], i);
   own.log_scale = read3(p.log_scale, i);
-  own.v = read3(p.v, i);
   own.u = read3(p.u, i);
   own.rotation = reinterpret_cast<const float4*>(p.rotation)[i];
   own.time = p.values[kTime][i];
@@ -186,8 +185,8 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   const MotionGrad by_motion = position_at_grad(u, dt, by_position);
   const float opacity = opacity_of(own.logit);
   const VisibilityGrad by_visibility = visibility_grad(dt, sigma, radius, grad.opacity * opacity);
-  VelocityGrad by_velocity{by_motion.u, 0.0f, 0.0f};
-  if (settings.modulated) by_velocity = effective_velocity_grad(own.v, sigma, radius, by_motion.u);
+  Vec3 by_velocity = by_motion.u;
+  if (settings.modulated) by_velocity = effective_velocity_grad(sigma, radius, by_velocity);
 
   // L_t, L_opacity and L_scale (regularisers.cpp); l(t) of L_opacity is held constant.
   const float span = kSpanFactor * sigma + radius;
@@ -210,8 +209,8 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   } else {
     d_scale.z += d_least;
   }
-  const float d_sigma = by_visibility.sigma + by_velocity.sigma + kSpanFactor * d_span;
-  const float d_radius = by_visibility.radius + by_velocity.radius + d_span;
+  const float d_sigma = by_visibility.sigma + kSpanFactor * d_span;
+  const float d_radius = by_visibility.radius + d_span;
   const float regularisers = settings.weight_lifespan / span +
                              opacity_weight * opacity * visible_share +
                              settings.weight_scale * least;
@@ -229,7 +228,7 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
                   coupled_drawn_grad(load_coupled(p, i), p.tick, log_scale, rotation,
                                      {by_projection.covariance, d_scale, by_motion.u, d_sigma}));
   } else {
-    write3(stage + kByVelocity, by_velocity.v);
+    write3(stage + kByVelocity, by_velocity);
     stage[kByLogSigma] = d_sigma * sigma;
     stage[kByRadius] = settings.learn_radius ? d_radius : radius;
   }
@@ -284,7 +283,8 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
     __syncwarp();
     if constexpr (!kCoupled) {
-      if (own) derive(p, i, settings.modulated, stage);
+      if (own)
+        derive(p, i, settings.modulated, lifespan_modulation(values.sigma, values.radius), stage);
     }
   }
   regularisers = warp_sum(regularisers);

@@ -116,15 +116,20 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
     step_rows(p, kRadius, first, visible, s.rates[kRadius], stage, kByRadius, radius);
 }
 
-// The derived u and sigma from what update_parameters left in the primitive's stage.
-__device__ inline void derive(const Primitives& p, std::uint32_t i, bool modulated,
+// The derived u and sigma from what update_parameters left in the primitive's stage; where it is
+// modulated, TrainState::carry_motion from the modulation `before` comes first.
+__device__ inline void derive(const Primitives& p, std::uint32_t i, bool modulated, float before,
                               const float* stage) {
   const float sigma = expf(stage[kByLogSigma]);
-  const float f = modulated ? math::lifespan_modulation(sigma, stage[kByRadius]) : 1.0f;
   p.sigma[i] = sigma;
-  p.u[3 * i] = stage[kByVelocity] / f;
-  p.u[3 * i + 1] = stage[kByVelocity + 1] / f;
-  p.u[3 * i + 2] = stage[kByVelocity + 2] / f;
+  const float f = modulated ? math::lifespan_modulation(sigma, stage[kByRadius]) : 1.0f;
+  const float share = modulated ? f / before : 1.0f;
+#pragma unroll
+  for (int c = 0; c < 3; ++c) {
+    const float v = stage[kByVelocity + c] * share;
+    if (modulated) p.values[kVelocity][3 * i + c] = v;
+    p.u[3 * i + c] = v / f;
+  }
 }
 
 // The harmonics of the warp's primitives, kAhead values a lane at a time. gradient_of(owner, k) is
