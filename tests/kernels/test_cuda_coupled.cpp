@@ -149,7 +149,7 @@ TEST_CASE("the coupled form trains on CUDA, and resumes to the same bits") {
   settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
   const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
   check(whole.status());
-  const double psnr = test::held_out_psnr(synthetic, whole->gaussians);
+  const double psnr = test::held_out_psnr(synthetic, *whole);
   std::printf("  coupled held-out PSNR %.2f dB\n", psnr);
   CHECK(psnr > 22.0);
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
