@@ -177,6 +177,9 @@ std::string version_text() {
 #ifdef STGS_HAS_EXR
   parts += " exr";
 #endif
+#ifdef STGS_HAS_CUDNN
+  parts += " cudnn";
+#endif
   return fmt::format(
       "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
       STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),

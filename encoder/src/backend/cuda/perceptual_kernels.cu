@@ -145,7 +145,7 @@ __global__ void __launch_bounds__(kThreads)
     }
     share += sum;
     along = warp_sum(along);
-    const float scale = 2.0f * tap.weight * inverse_pixels * scale_a;
+    const float scale = 2.0f * inverse_pixels * scale_a;
     const int x = static_cast<int>(q % tap.size.width), y = static_cast<int>(q / tap.size.width);
     float* gradient = tap.gradient + q * kChannels + lane;
 #pragma unroll
@@ -170,7 +170,8 @@ __global__ void __launch_bounds__(kThreads)
        q += std::size_t{gridDim.x} * kThreads) {
     const std::size_t at = picture_index(step, q);
     const float4 colour = step.picture[at], d = gradient[q];
-    const float g[3] = {d.x * kInverse[0], d.y * kInverse[1], d.z * kInverse[2]};
+    const float g[3] = {step.weight * kInverse[0] * d.x, step.weight * kInverse[1] * d.y,
+                        step.weight * kInverse[2] * d.z};
     float4 sum = step.d_picture[at];
     sum.x += map[0] * g[0] + map[3] * g[1] + map[6] * g[2];
     sum.y += map[1] * g[0] + map[4] * g[1] + map[7] * g[2];

@@ -48,7 +48,7 @@ void launch_vgg_pool(const float* features, const FeatureSize& size, float* pool
 void launch_relu_backward(const float* features, const FeatureSize& size, float* gradient,
                           cudaStream_t stream);
 
-// A tap: its share of the loss, and the gradient by its features before ReLU.
+// A tap: its share of L, and dL by its features before ReLU.
 struct TapBackward {
   FeatureSize size;                 // channels: 64, 128, 256 or 512
   const float* features = nullptr;  // of both pictures
@@ -56,13 +56,12 @@ struct TapBackward {
   // What the pooling after it gave, and the gradient by that, of the rendered picture; null where
   // there is none.
   const float *pooled = nullptr, *d_pooled = nullptr;
-  float weight = 0;           // of the loss in the gradient
   float* gradient = nullptr;  // the rendered picture's, written
   float* sums = nullptr;      // kVggBlocks: shares of L, 0 where there is no block
 };
 void launch_tap_backward(const TapBackward& tap, cudaStream_t stream);
 
-// From the gradient by the input to d_picture; map_parts: kMapGradients x kVggBlocks.
+// From dL by the input to d_picture; map_parts: kMapGradients x kVggBlocks.
 void launch_vgg_gradient(const PerceptualStep& step, const float* gradient, float* map_parts,
                          cudaStream_t stream);
 

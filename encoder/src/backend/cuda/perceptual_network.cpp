@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "backend/cuda/cudnn_library.h"
@@ -29,6 +30,31 @@ struct Convolution {
   int in = 0, out = 0;
 
   std::size_t weight_count() const { return std::size_t{9} * in * out; }
+};
+
+// Work that can be started as one thing.
+class Graph {
+ public:
+  Graph() = default;
+  Graph(Graph&& other) noexcept : graph_(std::exchange(other.graph_, nullptr)) {}
+  Graph& operator=(Graph&& other) noexcept {
+    std::swap(graph_, other.graph_);
+    return *this;
+  }
+  ~Graph() {
+    if (graph_ != nullptr) cudaGraphExecDestroy(graph_);
+  }
+  cudaError_t create(cudaGraph_t recorded) { return cudaGraphInstantiate(&graph_, recorded, 0); }
+  operator cudaGraphExec_t() const { return graph_; }  // NOLINT: implicit by design
+
+ private:
+  cudaGraphExec_t graph_ = nullptr;
+};
+
+// A pass for patches of one size.
+struct Recorded {
+  int width = 0, height = 0;
+  Graph graph;
 };
 
 // out x 3 x 3 x in_stored of out x in x 3 x 3, zeros where there is no such input.
@@ -84,8 +110,11 @@ class CudnnPerceptual final : public PerceptualNetwork {
   Result<std::size_t> workspace_bytes();
   std::size_t gradient_values() const;
   Status upload_weights();
-  Status forward(const PerceptualStep& step, cudaStream_t stream);
-  Status backward(const PerceptualStep& step, cudaStream_t stream);
+  Status pass(int width, int height, cudaStream_t stream);
+  Status record(cudaStream_t stream);
+  Status run(cudaStream_t stream);
+  Status forward(cudaStream_t stream);
+  Status backward(cudaStream_t stream);
   Status convolve_forward(std::size_t layer, const float* input);
 
   std::shared_ptr<const Vgg16> network_;
@@ -104,6 +133,8 @@ class CudnnPerceptual final : public PerceptualNetwork {
   DeviceArray<float> sums_, map_parts_;
   DeviceArray<double> value_;
   DeviceArray<std::uint8_t> workspace_;
+  const float* input_gradient_ = nullptr;  // where a pass leaves dL by input_, at every size
+  std::vector<Recorded> recorded_;
 };
 
 Status CudnnPerceptual::create(VggPrecision precision) {
@@ -212,6 +243,7 @@ Result<std::size_t> CudnnPerceptual::bytes(int width, int height) {
 }
 
 Status CudnnPerceptual::reserve(int width, int height) {
+  recorded_.clear();
   STGS_TRY(set_size(width, height));
   STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
   // Some shapes' algorithms ask for nothing.
@@ -244,17 +276,50 @@ Status CudnnPerceptual::upload_weights() {
 }
 
 Status CudnnPerceptual::enqueue(const PerceptualStep& step, cudaStream_t stream) {
-  if (step.patch.width != width_ || step.patch.height != height_) {
-    STGS_TRY(set_size(step.patch.width, step.patch.height));
-    // A smaller patch may need more of it; where it grows, CUDA waits for the work under way.
-    STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
+  launch_vgg_input(step, input_.data(), stream);
+  STGS_TRY(pass(step.patch.width, step.patch.height, stream));
+  launch_vgg_gradient(step, input_gradient_, map_parts_.data(), stream);
+  launch_vgg_totals(step, sums_.data(), map_parts_.data(), value_.data(), stream);
+  return cuda_status(cudaGetLastError(), "starting the perceptual loss");
+}
+
+// From input_ to sums_ and the gradient: the same work on the same memory for every patch of a
+// size, so that it is recorded once and then started as one thing.
+Status CudnnPerceptual::pass(int width, int height, cudaStream_t stream) {
+  for (const Recorded& recorded : recorded_) {
+    if (recorded.width != width || recorded.height != height) continue;
+    return cuda_status(cudaGraphLaunch(recorded.graph, stream), "starting the perceptual loss");
+  }
+  STGS_TRY(set_size(width, height));
+  // A smaller patch may need more of it; where it grows, CUDA waits for the work under way.
+  STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
+  if (workspace > workspace_.capacity()) {
+    recorded_.clear();
     STGS_TRY(workspace_.ensure(workspace));
   }
   STGS_TRY(cudnn_.status(cudnn_.set_stream(handle_, stream), "choosing the stream"));
-  STGS_TRY(forward(step, stream));
-  STGS_TRY(backward(step, stream));
-  launch_vgg_totals(step, sums_.data(), map_parts_.data(), value_.data(), stream);
-  return cuda_status(cudaGetLastError(), "starting the perceptual loss");
+  STGS_TRY(run(stream));
+  return record(stream);
+}
+
+Status CudnnPerceptual::record(cudaStream_t stream) {
+  const char* what = "recording the perceptual loss";
+  cudaGraph_t graph = nullptr;
+  STGS_TRY(cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), what));
+  const Status ran = run(stream);
+  const cudaError_t ended = cudaStreamEndCapture(stream, &graph);
+  Recorded recorded{width_, height_, {}};
+  Status status = ran.ok() ? cuda_status(ended, what) : ran;
+  if (status.ok()) status = cuda_status(recorded.graph.create(graph), what);
+  if (graph != nullptr) cudaGraphDestroy(graph);
+  STGS_TRY(status);
+  recorded_.push_back(std::move(recorded));
+  return {};
+}
+
+Status CudnnPerceptual::run(cudaStream_t stream) {
+  STGS_TRY(forward(stream));
+  return backward(stream);
 }
 
 Status CudnnPerceptual::convolve_forward(std::size_t layer, const float* input) {
@@ -268,8 +333,7 @@ Status CudnnPerceptual::convolve_forward(std::size_t layer, const float* input) 
                        "convolving forward");
 }
 
-Status CudnnPerceptual::forward(const PerceptualStep& step, cudaStream_t stream) {
-  launch_vgg_input(step, input_.data(), stream);
+Status CudnnPerceptual::forward(cudaStream_t stream) {
   const float* in = input_.data();
   for (std::size_t i = 0; i < kLayers; ++i) {
     if (kVggLayers[i].pool_before) {
@@ -282,7 +346,7 @@ Status CudnnPerceptual::forward(const PerceptualStep& step, cudaStream_t stream)
   return {};
 }
 
-Status CudnnPerceptual::backward(const PerceptualStep& step, cudaStream_t stream) {
+Status CudnnPerceptual::backward(cudaStream_t stream) {
   const float one = 1.0f, zero = 0.0f;
   float *gradient = gradient_.data(), *next = next_gradient_.data();
   for (std::size_t i = kLayers; i-- > 0;) {
@@ -291,7 +355,7 @@ Status CudnnPerceptual::backward(const PerceptualStep& step, cudaStream_t stream
     if (const int tap = kVggLayers[i].tap; tap >= 0) {
       launch_tap_backward({sizes_[i], features_[i].data(), channel_weights_[tap].data(),
                            pooled ? pooled_[i + 1].data() : nullptr, pooled ? gradient : nullptr,
-                           step.weight, next, sums_.data() + tap * kVggBlocks},
+                           next, sums_.data() + tap * kVggBlocks},
                           stream);
       std::swap(gradient, next);
     } else {
@@ -305,7 +369,7 @@ Status CudnnPerceptual::backward(const PerceptualStep& step, cudaStream_t stream
                       "convolving backward"));
     std::swap(gradient, next);
   }
-  launch_vgg_gradient(step, gradient, map_parts_.data(), stream);
+  input_gradient_ = gradient;
   return {};
 }
 
