@@ -66,6 +66,17 @@ double radius_of(const Gaussians4D& set, const std::vector<std::size_t>& visible
   return quantile(values, kRadiusShare);
 }
 
+// Of the support, ticks; -1 where it is empty.
+float half_width_of(const Gaussians4D& set, std::size_t i) {
+  return math::support_half_width(math::opacity_of(set.opacity_logit[i]), set.sigma[i],
+                                  set.radius[i], math::kAlphaThreshold);
+}
+
+// Of the last frame, ticks.
+double last_frame_of(const Scene& scene) {
+  return std::max(0.0, static_cast<double>(scene.metadata.frames) - 1);
+}
+
 double speed_of(const Gaussians4D& set, std::size_t i) {
   const float* u = &set.velocity[3 * i];
   return std::hypot(static_cast<double>(u[0]), static_cast<double>(u[1]),
@@ -79,18 +90,22 @@ double SceneStatistics::static_share() const {
   return visible == 0 ? 0 : static_cast<double>(static_primitives) / static_cast<double>(visible);
 }
 
+bool covers_clip(const Scene& scene, std::size_t i) {
+  const double time = scene.gaussians.time[i], half = half_width_of(scene.gaussians, i);
+  return half >= 0 && time - half <= 0 && time + half >= last_frame_of(scene);
+}
+
 SceneStatistics scene_statistics(const Scene& scene) {
   const Gaussians4D& set = scene.gaussians;
   const TimeBase& base = scene.metadata.time_base;
-  const double last = std::max(0.0, static_cast<double>(scene.metadata.frames) - 1);  // ticks
+  const double last = last_frame_of(scene);
   SceneStatistics out;
   out.primitives = set.size();
   out.clip_seconds = base.seconds(scene.metadata.frames);
   std::vector<std::size_t> visible;
   std::vector<double> half_widths;  // ticks
   for (std::size_t i = 0; i < set.size(); ++i) {
-    const float half = math::support_half_width(math::opacity_of(set.opacity_logit[i]),
-                                                set.sigma[i], set.radius[i], math::kAlphaThreshold);
+    const float half = half_width_of(set, i);
     if (!(half >= 0)) continue;
     visible.push_back(i);
     half_widths.push_back(half);
@@ -102,11 +117,11 @@ SceneStatistics scene_statistics(const Scene& scene) {
   std::vector<double> all, within, speeds;
   double drift = 0;
   for (std::size_t k = 0; k < visible.size(); ++k) {
-    const double time = set.time[visible[k]], half = half_widths[k];
+    const double half = half_widths[k];
     const double speed = speed_of(set, visible[k]);  // a tick
     all.push_back(base.seconds(2 * half));
     speeds.push_back(speed / base.seconds(1));
-    if (time - half > 0 || time + half < last) {
+    if (!covers_clip(scene, visible[k])) {
       within.push_back(all.back());
       continue;
     }

@@ -68,6 +68,13 @@ class Reading(CliTest):
         self.assertEqual(some["pictures"], 2)
         self.assertGreater(some["psnr"], 25)
         self.assertLess(some["psnr"], report["psnr"])
+        # Most of what covers the clip has a speed of 1e-6 a frame, which is nothing; the rest moves.
+        for drift in (report["static_drift"], some["static_drift"]):
+            self.assertGreater(drift["primitives"], 100)
+            self.assertLess(drift["median_px"], drift["bound_px"])
+            self.assertGreater(drift["mean_px"], drift["bound_px"])
+            self.assertGreater(drift["within_bound"], 0.5 * drift["primitives"])
+            self.assertLess(drift["within_bound"], drift["primitives"])
         # Six frames have a median, two have none.
         self.assertGreater(report["moving_share"], 0)
         self.assertLess(report["moving_share"], 0.9)

@@ -9,6 +9,7 @@
 #include "options.h"
 #include "picture.h"
 #include "stgs/encoder/metrics.h"
+#include "stgs/format/image_drift.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
 
@@ -56,6 +57,16 @@ Json to_json(const Scores& s) {
           {"moving_share", s.pixels > 0 ? Json(moving_share(s)) : Json(nullptr)}};
 }
 
+Json to_json(const ImageDrift& d) {
+  if (d.primitives == 0) return nullptr;
+  return {{"primitives", d.primitives},
+          {"mean_px", d.mean},
+          {"opacity_weighted_px", d.opacity_weighted},
+          {"median_px", d.median},
+          {"bound_px", kStillDrift},
+          {"within_bound", d.within_bound}};
+}
+
 Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
                      const encoder::Camera& camera, int frame, const encoder::Image8& background) {
   STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
@@ -94,7 +105,10 @@ class Evaluate final : public Command {
         "picture, data range 1; ssim_2: the same with data range 2; psnr_moving: PSNR of the\n"
         "mean squared error over the pixels that move, of all frames: those where a channel of\n"
         "the truth differs by more than 20 of 255 from the camera's background, the median of\n"
-        "at most 15 of the evaluated frames; none with fewer than 5.",
+        "at most 15 of the evaluated frames; none with fewer than 5. static drift: how many\n"
+        "pixels the centre of a primitive whose support covers the clip moves over the clip,\n"
+        "from first to last frame, mean over the training cameras that see it, then over the\n"
+        "primitives, each alike or by its opacity.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -120,6 +134,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
+    STGS_TRY(find_drift());
     return report(session);
   }
 
@@ -188,6 +203,16 @@ class Evaluate final : public Command {
     return {};
   }
 
+  Status find_drift() {
+    STGS_ASSIGN(const Scene scene, read_scene(file_));
+    std::vector<math::PinholeCamera> training;
+    for (const encoder::Camera& camera : capture_.cameras) {
+      if (!camera.test) training.push_back(camera.pinhole(scene.metadata.near_plane));
+    }
+    drift_ = image_drift(scene, training);
+    return {};
+  }
+
   Status draw(player::Timeline& timeline, player::Renderer& renderer, Job& job) {
     const SceneMetadata& metadata = timeline.metadata();
     const float* b = metadata.background;
@@ -229,6 +254,11 @@ class Evaluate final : public Command {
     }
     const Scores mean = mean_of(all);
     row("mean", "", all.size(), mean);
+    text += fmt::format(
+        "static drift {:.4f} px over the clip ({:.4f} by opacity, median {:.4f}) of the {} "
+        "primitives that cover it, {} of them within {} px\n",
+        drift_.mean, drift_.opacity_weighted, drift_.median, drift_.primitives, drift_.within_bound,
+        kStillDrift);
     text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
     Json json = {{"file", file_},
@@ -237,6 +267,7 @@ class Evaluate final : public Command {
                  {"every", every_},
                  {"pictures", all.size()}};
     json.update(to_json(mean));
+    json["static_drift"] = to_json(drift_);
     json["views"] = views;
     json["peak_memory"] = peak_memory();
     return session.emit(json, text);
@@ -248,6 +279,7 @@ class Evaluate final : public Command {
   std::vector<encoder::Camera> cameras_;
   std::vector<encoder::Image8> backgrounds_;  // a camera; empty without a median
   std::vector<std::vector<Scores>> scores_;   // camera, frame
+  ImageDrift drift_;
 };
 
 }  // namespace

@@ -48,4 +48,8 @@ struct SceneStatistics {
 
 SceneStatistics scene_statistics(const Scene& scene);
 
+// Whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)), holds every
+// frame of the clip.
+bool covers_clip(const Scene& scene, std::size_t i);
+
 }  // namespace stgs

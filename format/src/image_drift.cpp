@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/image_drift.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
+#include "stgs/format/scene_statistics.h"
+
+namespace stgs {
+namespace {
+
+constexpr float kUnseen = -1.0f;
+
+bool inside(const math::PinholeCamera& camera, math::Vec2 pixel) {
+  return pixel.x >= 0 && pixel.y >= 0 && pixel.x < camera.width && pixel.y < camera.height;
+}
+
+// Pixels between the projections of two points, or kUnseen.
+float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec3 last) {
+  const math::Projection p = math::project_gaussian(camera, first, {});
+  const math::Projection q = math::project_gaussian(camera, last, {});
+  if (p.visible == 0 || q.visible == 0) return kUnseen;
+  if (!inside(camera, p.mean) && !inside(camera, q.mean)) return kUnseen;
+  return std::hypot(p.mean.x - q.mean.x, p.mean.y - q.mean.y);
+}
+
+// The mean over the cameras that see primitive i, or kUnseen.
+double drift_of(const Gaussians4D& set, std::size_t i, float last_frame,
+                const std::vector<math::PinholeCamera>& cameras) {
+  const float* x = &set.position[3 * i];
+  const float* u = &set.velocity[3 * i];
+  const auto at = [&](float ticks) {
+    return math::position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]}, ticks - set.time[i]);
+  };
+  const math::Vec3 first = at(0), last = at(last_frame);
+  double sum = 0;
+  int seen = 0;
+  for (const math::PinholeCamera& camera : cameras) {
+    const float distance = distance_in(camera, first, last);
+    if (!(distance >= 0)) continue;
+    sum += distance;
+    ++seen;
+  }
+  return seen == 0 ? double{kUnseen} : sum / seen;
+}
+
+}  // namespace
+
+ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras) {
+  const Gaussians4D& set = scene.gaussians;
+  const float last_frame = std::max(0.0f, static_cast<float>(scene.metadata.frames) - 1);
+  std::vector<double> drifts(set.size(), double{kUnseen});
+  parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) {
+                      if (covers_clip(scene, i)) drifts[i] = drift_of(set, i, last_frame, cameras);
+                    }
+                  });
+  ImageDrift out;
+  double weights = 0;
+  std::vector<double> seen;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    if (!(drifts[i] >= 0)) continue;
+    const double opacity = math::opacity_of(set.opacity_logit[i]);
+    seen.push_back(drifts[i]);
+    out.mean += drifts[i];
+    out.opacity_weighted += opacity * drifts[i];
+    weights += opacity;
+    if (drifts[i] <= kStillDrift) ++out.within_bound;
+  }
+  out.primitives = seen.size();
+  if (seen.empty()) return out;
+  out.mean /= static_cast<double>(seen.size());
+  out.opacity_weighted /= weights;  // above 0: opacities are at least the threshold
+  const auto middle = seen.begin() + static_cast<std::ptrdiff_t>(seen.size() / 2);
+  std::nth_element(seen.begin(), middle, seen.end());
+  out.median = *middle;
+  return out;
+}
+
+}  // namespace stgs

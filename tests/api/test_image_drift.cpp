@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "stgs/format/image_drift.h"
+
+using namespace stgs;
+
+namespace {
+
+// 100 pixels of focal length, 200x100 pixels; `offset` along x, looking along z.
+math::PinholeCamera camera_at(float offset) {
+  math::PinholeCamera camera{};
+  camera.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  camera.translation = {-offset, 0, 0};
+  camera.fx = camera.fy = 100;
+  camera.cx = 100;
+  camera.cy = 50;
+  camera.width = 200;
+  camera.height = 100;
+  camera.near_plane = 0.1f;
+  return camera;
+}
+
+struct Primitive {
+  float x, y, z;
+  float opacity;
+  float speed[3];  // scene units a tick
+  float radius;    // the support's half width, ticks, but for a sigma of nearly none
+};
+
+// Eleven frames, T in the middle of the clip.
+Scene scene_of(const std::vector<Primitive>& primitives) {
+  Scene scene;
+  scene.metadata.time_base = {1, 10};
+  scene.metadata.frames = 11;
+  Gaussians4D& set = scene.gaussians;
+  set.resize(primitives.size());
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    const float position[3] = {p.x, p.y, p.z};
+    std::copy_n(position, 3, &set.position[3 * i]);
+    std::copy_n(p.speed, 3, &set.velocity[3 * i]);
+    set.opacity_logit[i] = std::log(p.opacity / (1 - p.opacity));
+    set.sigma[i] = 1e-3f;
+    set.radius[i] = p.radius;
+    set.time[i] = 5;
+  }
+  return scene;
+}
+
+}  // namespace
+
+TEST_CASE("drift is the way over the clip in pixels, of what covers the clip and is seen") {
+  const std::vector<math::PinholeCamera> cameras = {camera_at(0), camera_at(1)};
+  const Scene scene = scene_of({
+      {0, 0, 4, 0.9f, {0, 0, 0}, 6},          // stands still
+      {0, 0, 4, 0.3f, {0, 0.004f, 0}, 6},     // .04 units at a distance of 4: 1 pixel in both
+      {0, 0, 4, 0.9f, {0, 9, 0}, 4},          // too short-lived
+      {0, 0, 4, 1e-3f, {0, 9, 0}, 6},         // never visible
+      {0, 0, -4, 0.9f, {0, 9, 0}, 6},         // behind the cameras
+      {-4.1f, 0, 4, 0.9f, {0, 0.04f, 0}, 6},  // beside both pictures
+  });
+  const ImageDrift drift = image_drift(scene, cameras);
+  CHECK(drift.primitives == 2);
+  CHECK(drift.mean == Approx(0.5).epsilon(1e-4));
+  CHECK(drift.opacity_weighted == Approx(0.3 / 1.2).epsilon(1e-4));
+  CHECK(drift.within_bound == 1);
+}
+
+TEST_CASE("each primitive's drift is the mean over the cameras that see it") {
+  // Along z, from 2 to 1 units away, one unit aside of the first camera: from pixel 150 to 200,
+  // which is the first that the picture no longer has; the second looks along its way.
+  const Scene along = scene_of({{1, 0, 1.5f, 0.9f, {0, 0, -0.1f}, 6}});
+  CHECK(image_drift(along, {camera_at(0)}).mean == Approx(50).epsilon(1e-4));
+  CHECK(image_drift(along, {camera_at(1)}).mean == Approx(0).margin(1e-3));
+  CHECK(image_drift(along, {camera_at(0), camera_at(1)}).mean == Approx(25).epsilon(1e-4));
+  // The third has it beside its picture throughout, and counts for nothing.
+  CHECK(image_drift(along, {camera_at(0), camera_at(-9)}).mean == Approx(50).epsilon(1e-4));
+  CHECK(image_drift(along, {camera_at(-9)}).primitives == 0);
+  // It passes the near plane.
+  CHECK(image_drift(scene_of({{0, 0, 1, 0.9f, {0, 0, -0.4f}, 6}}), {camera_at(0)}).primitives == 0);
+}
+
+TEST_CASE("the median of the drift is its middle") {
+  std::vector<Primitive> primitives;
+  for (int i = 0; i < 5; ++i) {
+    primitives.push_back({0, 0, 1, 0.5f, {0, 1e-4f * static_cast<float>(i * i), 0}, 6});
+  }
+  const ImageDrift drift = image_drift(scene_of(primitives), {camera_at(0)});
+  CHECK(drift.median == Approx(0.4).epsilon(1e-3));
+  CHECK(drift.mean == Approx(0.6).epsilon(1e-3));
+  CHECK(image_drift(scene_of({}), {camera_at(0)}).primitives == 0);
+}
