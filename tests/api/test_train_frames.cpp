@@ -4,34 +4,14 @@
 
 #include "stgs/encoder/train.h"
 #include "synthetic_capture.h"
+#include "train_run.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
+using stgs::test::run;
+using stgs::test::same;
+using stgs::test::short_run;
 using stgs::test::SyntheticCapture;
-
-namespace {
-
-TrainSettings short_run(int iterations) {
-  TrainSettings settings;
-  settings.preset = "fast";
-  settings.iterations = iterations;
-  settings.max_primitives = 600;
-  settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
-  return settings;
-}
-
-bool same(const Gaussians4D& a, const Gaussians4D& b) {
-  return a.position == b.position && a.log_scale == b.log_scale && a.rotation == b.rotation &&
-         a.opacity_logit == b.opacity_logit && a.sh == b.sh && a.time == b.time &&
-         a.velocity == b.velocity && a.sigma == b.sigma && a.radius == b.radius;
-}
-
-Result<Scene> run(const SyntheticCapture& synthetic, const TrainSettings& settings,
-                  const ProgressSink& progress = nullptr) {
-  return train(synthetic.capture, settings, progress, nullptr, nullptr);
-}
-
-}  // namespace
 
 TEST_CASE("frames from disk give the same scene as frames in memory") {
   const SyntheticCapture synthetic("train_frames");

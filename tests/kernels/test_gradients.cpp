@@ -11,6 +11,7 @@
 
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
+#include "finite_differences.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"
 #include "vector_targets.h"
@@ -110,28 +111,9 @@ Problem make_problem(unsigned seed) {
   return p;
 }
 
-// Checks gradient[k] against central differences by values[k]. A gradient agrees within 0.5 % of
-// itself, or of the attribute's root mean square.
 void check(Problem& p, const char* name, std::vector<float>& values,
            const std::vector<float>& gradient, float step) {
-  REQUIRE(values.size() == gradient.size());
-  double square = 0;
-  for (float g : gradient) square += static_cast<double>(g) * g;
-  const double rms = std::sqrt(square / static_cast<double>(gradient.size()));
-  REQUIRE(rms > 0);
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    const float kept = values[k];
-    values[k] = kept + step;
-    const double high = values[k], above = p.loss();
-    values[k] = kept - step;
-    const double low = values[k], below = p.loss();
-    values[k] = kept;
-    const double numeric = (above - below) / (high - low);
-    INFO(name << "[" << k << "]: analytic " << gradient[k] << ", numeric " << numeric << ", rms "
-              << rms);
-    CHECK(std::abs(numeric - gradient[k]) <=
-          5e-3 * std::max({std::abs(numeric), std::abs(static_cast<double>(gradient[k])), rms}));
-  }
+  testing::check_gradient(p, name, values, gradient, step, 5e-3);
 }
 
 }  // namespace

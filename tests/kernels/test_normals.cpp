@@ -10,6 +10,7 @@
 #include <random>
 
 #include "backend/cpu/surface.h"
+#include "finite_differences.h"
 #include "math/grad.h"
 #include "raster_scene.h"
 #include "train/normal_loss.h"
@@ -118,27 +119,9 @@ Problem make_problem(unsigned seed) {
   return p;
 }
 
-// A gradient agrees within 1.5 % of itself, or of the attribute's root mean square.
 void check(Problem& p, const char* name, std::vector<float>& values,
            const std::vector<float>& gradient, float step) {
-  REQUIRE(values.size() == gradient.size());
-  double square = 0;
-  for (float g : gradient) square += static_cast<double>(g) * g;
-  const double rms = std::sqrt(square / static_cast<double>(gradient.size()));
-  REQUIRE(rms > 0);
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    const float kept = values[k];
-    values[k] = kept + step;
-    const double high = values[k], above = p.loss();
-    values[k] = kept - step;
-    const double low = values[k], below = p.loss();
-    values[k] = kept;
-    const double numeric = (above - below) / (high - low);
-    INFO(name << "[" << k << "]: analytic " << gradient[k] << ", numeric " << numeric << ", rms "
-              << rms);
-    CHECK(std::abs(numeric - gradient[k]) <=
-          1.5e-2 * std::max({std::abs(numeric), std::abs(static_cast<double>(gradient[k])), rms}));
-  }
+  testing::check_gradient(p, name, values, gradient, step, 1.5e-2);
 }
 
 }  // namespace

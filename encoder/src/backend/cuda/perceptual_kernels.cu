@@ -25,18 +25,6 @@ __device__ std::size_t picture_index(const PerceptualStep& step, std::size_t q) 
   return (step.patch.y + y) * step.width + step.patch.x + x;
 }
 
-// Of all threads' values, in the order of their warps; for thread 0.
-__device__ float block_sum(float x) {
-  __shared__ float sums[kWarps];
-  x = warp_sum(x);
-  __syncthreads();
-  if ((threadIdx.x & 31) == 0) sums[threadIdx.x / 32] = x;
-  __syncthreads();
-  float sum = 0.0f;
-  for (float s : sums) sum += s;
-  return sum;
-}
-
 __global__ void __launch_bounds__(kThreads)
     load_input(const PerceptualStep step, std::size_t pixels, float4* input) {
   const std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
@@ -156,7 +144,7 @@ __global__ void __launch_bounds__(kThreads)
       gradient[32 * k] = a[k] > 0.0f ? own + from_pool : 0.0f;
     }
   }
-  share = block_sum(share);
+  share = block_sum<kThreads>(share);
   if (threadIdx.x == 0) tap.sums[blockIdx.x] = share * inverse_pixels;
 }
 
@@ -187,7 +175,7 @@ __global__ void __launch_bounds__(kThreads)
   }
 #pragma unroll
   for (int k = 0; k < kMapGradients; ++k) {
-    const float sum = block_sum(by_map[k]);
+    const float sum = block_sum<kThreads>(by_map[k]);
     if (threadIdx.x == 0) map_parts[k * kVggBlocks + blockIdx.x] = sum;
   }
 }
