@@ -31,6 +31,8 @@ constexpr std::uint32_t tag_of(const char (&text)[5]) {
 inline constexpr std::uint32_t kMetadataTag = tag_of("META");
 inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
 inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
+inline constexpr std::uint32_t kPartsTag = tag_of("PART");
+inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
 
 // XXH3-64, seed 0 (spec 1.5).
 std::uint64_t checksum(std::span<const std::uint8_t> bytes);
@@ -60,6 +62,13 @@ struct IndexEntry {
   std::uint32_t slot = 0;
   std::uint64_t offset = 0, bytes = 0;  // of the whole SEGM record
   std::uint32_t primitives = 0;
+  std::uint32_t part = 0;  // follows from PART
+};
+
+// A row of PART (spec 5.10).
+struct PartEntry {
+  double begin = 0, end = 0;   // ticks
+  std::uint32_t segments = 0;  // of layer 0
 };
 
 struct AttributeBytes {
@@ -81,10 +90,13 @@ struct Interval {
 Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, std::uint32_t frames);
 
 std::vector<std::uint8_t> write_header(const FileHeader& header);
-// Header and payload of a critical record.
-std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload);
+// Header and payload of a record.
+std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload,
+                                       std::uint32_t flags = kCritical);
 std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata);
 std::vector<std::uint8_t> write_index(const FileIndex& index);
+std::vector<std::uint8_t> write_parts(std::span<const PartEntry> parts);
+std::vector<std::uint8_t> write_window(const CaptureWindow& window);
 // Bytes of write_index() for so many segments and attributes.
 std::uint64_t index_bytes(std::size_t segments, std::size_t attributes);
 
@@ -104,16 +116,28 @@ bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> pay
 void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings);
 bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                     FileMetadata& metadata, Findings& findings);
-bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const FileHeader& header, const FileMetadata& metadata, const ReadLimits& limits,
-                 FileIndex& index, Findings& findings);
-
-// Header, metadata and index of a file.
+// Header, metadata, parts and index of a file.
 struct FileHead {
   FileHeader header;
   FileMetadata metadata;
+  std::vector<PartEntry> parts;  // one of the whole timeline where the file states none
   FileIndex index;
 };
+bool parse_parts(std::span<const std::uint8_t> payload, std::uint64_t offset, std::uint32_t frames,
+                 std::vector<PartEntry>& parts, Findings& findings);
+bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                  SceneMetadata& metadata, Findings& findings);
+// Into head.index; the header, the metadata and the parts are there.
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                 const ReadLimits& limits, FileHead& head, Findings& findings);
+// Whether a segment is the first of a part.
+bool begins_part(const std::vector<PartEntry>& parts, std::size_t segment);
+// Tells each segment its part, where the index has those that the parts count.
+bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings);
+// That the window lies in its capture (spec 4.5).
+void check_window(const SceneMetadata& metadata, Findings& findings);
+// The moments at which a segment's primitives are drawn: its interval within its part's.
+Interval interval_of(const FileHead& head, const IndexEntry& entry);
 // Reads and checks the head (spec 2.3); false where the segments cannot be reached.
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings);

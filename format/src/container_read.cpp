@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "bytes.h"
 #include "container.h"
@@ -98,38 +99,51 @@ void check_limits(const FileIndex& index, const FileMetadata& metadata, std::uin
   }
 }
 
-// Finds META and INDX among the records of the head.
+// Reads the payload of a record of the head, `have` being those before it; false: it is of no use.
+bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
+                 const ReadLimits& limits, const std::set<std::uint32_t>& have, FileHead& out,
+                 Findings& findings) {
+  if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
+  if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
+  if (have.count(kMetadataTag) == 0) return false;
+  if (tag == kIndexTag) return parse_index(payload, payload_at, limits, out, findings);
+  if (have.count(kIndexTag) != 0) {
+    findings.error(N::kParts, payload_at, "the parts come after the index");
+    return false;
+  }
+  return parse_parts(payload, payload_at, out.metadata.scene.frames, out.parts, findings);
+}
+
+// Finds META, PART, INDX and WNDW among the records of the head.
 bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
                Findings& findings) {
-  bool have_metadata = false, have_index = false;
+  std::set<std::uint32_t> have;
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
     if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
-    const bool known = record.tag == kMetadataTag || record.tag == kIndexTag;
-    if (!check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
+    const bool known =
+        record.tag == kMetadataTag || record.tag == kPartsTag || record.tag == kIndexTag;
+    const bool window = record.tag == kWindowTag && record.flags == 0;
+    if (!window && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
-    bool& have = record.tag == kMetadataTag ? have_metadata : have_index;
-    if (have) {
+    if (have.count(record.tag) != 0) {
       findings.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
       continue;
     }
-    if (record.tag == kMetadataTag) {
-      have = parse_metadata(payload, payload_at, out.metadata, findings);
-    } else if (have_metadata) {
-      have =
-          parse_index(payload, payload_at, out.header, out.metadata, limits, out.index, findings);
-    }
+    if (!read_record(record.tag, payload, payload_at, limits, have, out, findings)) continue;
+    have.insert(record.tag);
   }
-  if (!have_metadata || !have_index) {
+  if (have.count(kMetadataTag) == 0 || have.count(kIndexTag) == 0) {
     if (findings.ok()) {
       findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
-                     have_metadata ? "INDX" : "META");
+                     have.count(kMetadataTag) != 0 ? "INDX" : "META");
     }
     return false;
   }
+  check_window(out.metadata.scene, findings);
   return true;
 }
 
@@ -319,9 +333,9 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
 }
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const FileHeader& header, const FileMetadata& metadata, const ReadLimits& limits,
-                 FileIndex& index, Findings& findings) {  // spec 5.2
+                 const ReadLimits& limits, FileHead& head, Findings& findings) {  // spec 5.2
   ByteReader in(payload);
+  FileIndex& index = head.index;
   index.chunk_ticks = in.f64();
   index.primitives = in.u64();
   const std::uint32_t segments = in.u32(), attributes = in.u32();
@@ -334,8 +348,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
     findings.error(N::kChunk, offset, "index: a chunk of {} ticks", index.chunk_ticks);
     return false;
   }
-  const std::uint32_t frames = metadata.scene.frames;
-  std::uint64_t body_at = header.head_bytes;
+  const std::uint32_t frames = head.metadata.scene.frames;
+  std::uint64_t body_at = head.header.head_bytes;
   for (std::uint32_t i = 0; i < segments; ++i) {
     const std::uint64_t at = offset + in.position();
     IndexEntry entry;
@@ -346,8 +360,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
     entry.bytes = in.u64();
     entry.primitives = in.u32();
     if (entry.layer != 0) continue;  // refinements, which the base does without (spec 5.7)
-    if (!check_entry(entry, i, at, header, index, frames, body_at, findings)) return false;
-    if (!index.entries.empty() &&
+    if (!check_entry(entry, i, at, head.header, index, frames, body_at, findings)) return false;
+    if (!index.entries.empty() && !begins_part(head.parts, index.entries.size()) &&
         !comes_before(index.entries.back(), entry, index.chunk_ticks, frames)) {
       findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
       return false;
@@ -361,8 +375,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
     attribute.bytes = in.u64();
     index.attributes.push_back(attribute);
   }
-  check_limits(index, metadata, offset, limits, findings);
-  return true;
+  check_limits(index, head.metadata, offset, limits, findings);
+  return assign_parts(head, offset, findings);
 }
 
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,

@@ -22,10 +22,11 @@ std::vector<std::uint8_t> write_header(const FileHeader& header) {  // spec 2.2
   return out.take();
 }
 
-std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload) {
+std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload,
+                                       std::uint32_t flags) {
   ByteWriter out;  // spec 3.1
   out.u32(tag);
-  out.u32(kCritical);
+  out.u32(flags);
   out.u64(payload.size());
   out.u64(checksum(payload));
   out.u64(checksum(out.view()));
@@ -78,6 +79,26 @@ std::vector<std::uint8_t> write_index(const FileIndex& index) {  // spec 5.2
     out.u16(attribute.attribute);
     out.u64(attribute.bytes);
   }
+  return out.take();
+}
+
+std::vector<std::uint8_t> write_parts(std::span<const PartEntry> parts) {  // spec 5.10
+  ByteWriter out;
+  out.u32(static_cast<std::uint32_t>(parts.size()));
+  for (const PartEntry& part : parts) {
+    out.f64(part.begin);
+    out.f64(part.end);
+    out.u32(part.segments);
+  }
+  return out.take();
+}
+
+std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4.5
+  ByteWriter out;
+  out.u32(window.first_frame);
+  out.u32(window.capture_frames);
+  out.u64(window.capture);
+  out.u64(window.training);
   return out.take();
 }
 

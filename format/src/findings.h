@@ -36,6 +36,7 @@ enum class IssueNumber : int {
   kShDegree = 203,            //
   kMetadataValue = 204,       // not finite, bounds inverted, or a start camera that is none
   kMetadataText = 205,        // not UTF-8
+  kWindow = 206,              // WNDW too short, or a window outside its capture
   kIndexLayout = 300,         // sizes do not add up
   kChunk = 301,               // chunk length not positive
   kSegmentInterval = 302,     // a level or slot outside the timeline
@@ -47,6 +48,7 @@ enum class IssueNumber : int {
   kMemoryLimit = 308,         // more decoded bytes than the caller allows
   kAttributeTotal = 309,      // bytes by attribute differ from the segments
   kUnlistedRecord = 310,      // warning: a segment record that the index does not list
+  kParts = 311,               // PART too short, out of order or not the index's
   kSegmentMismatch = 400,     // the record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // an attribute missing, twice or out of order

@@ -28,14 +28,17 @@ float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec
 }
 
 // The mean over the cameras that see primitive i, or kUnseen.
-double drift_of(const Gaussians4D& set, std::size_t i, float last_frame,
+double drift_of(const Scene& scene, std::size_t i,
                 const std::vector<math::PinholeCamera>& cameras) {
+  const Gaussians4D& set = scene.gaussians;
   const float* x = &set.position[3 * i];
   const float* u = &set.velocity[3 * i];
   const auto at = [&](float ticks) {
     return math::position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]}, ticks - set.time[i]);
   };
-  const math::Vec3 first = at(0), last = at(last_frame);
+  const ShownFrames frames = shown_frames(scene, i);
+  const math::Vec3 first = at(static_cast<float>(frames.first));
+  const math::Vec3 last = at(static_cast<float>(frames.last));
   double sum = 0;
   int seen = 0;
   for (const math::PinholeCamera& camera : cameras) {
@@ -51,12 +54,11 @@ double drift_of(const Gaussians4D& set, std::size_t i, float last_frame,
 
 ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras) {
   const Gaussians4D& set = scene.gaussians;
-  const float last_frame = std::max(0.0f, static_cast<float>(scene.metadata.frames) - 1);
   std::vector<double> drifts(set.size(), double{kUnseen});
   parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t i = first; i < last; ++i) {
-                      if (covers_clip(scene, i)) drifts[i] = drift_of(set, i, last_frame, cameras);
+                      if (covers_clip(scene, i)) drifts[i] = drift_of(scene, i, cameras);
                     }
                   });
   ImageDrift out;

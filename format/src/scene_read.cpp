@@ -13,18 +13,27 @@ namespace {
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const IndexEntry& entry : head.index.entries) {
-    const Interval interval =
-        interval_of(entry.level, entry.slot, head.index.chunk_ticks, head.metadata.scene.frames);
-    out.push_back(
-        {entry.level, interval.begin, interval.end, entry.primitives, entry.offset, entry.bytes});
+    const Interval interval = interval_of(head, entry);
+    out.push_back({entry.level, interval.begin, interval.end, entry.primitives, entry.offset,
+                   entry.bytes, entry.part});
   }
+  return out;
+}
+
+std::vector<ScenePart> parts_from(const FileHead& head) {
+  std::vector<ScenePart> out;
+  for (const PartEntry& part : head.parts) out.push_back({part.begin, part.end, 0});
+  for (const IndexEntry& entry : head.index.entries) out[entry.part].primitives += entry.primitives;
   return out;
 }
 
 class Reader final : public SceneReader {
  public:
   Reader(std::unique_ptr<ByteSource> source, FileHead head)
-      : source_(std::move(source)), head_(std::move(head)), segments_(segments_from(head_)) {}
+      : source_(std::move(source)),
+        head_(std::move(head)),
+        segments_(segments_from(head_)),
+        parts_(parts_from(head_)) {}
 
   const SceneMetadata& metadata() const override { return head_.metadata.scene; }
   Profile profile() const override { return head_.metadata.profile; }
@@ -34,6 +43,7 @@ class Reader final : public SceneReader {
   std::uint64_t primitives() const override { return head_.index.primitives; }
   std::uint64_t file_bytes() const override { return head_.header.file_bytes; }
   const std::vector<SegmentInfo>& segments() const override { return segments_; }
+  const std::vector<ScenePart>& parts() const override { return parts_; }
 
   std::vector<StreamInfo> streams() const override {
     std::vector<StreamInfo> out;
@@ -88,6 +98,7 @@ class Reader final : public SceneReader {
   std::unique_ptr<ByteSource> source_;
   FileHead head_;
   std::vector<SegmentInfo> segments_;
+  std::vector<ScenePart> parts_;
 };
 
 // Copies `part` into `whole` from primitive `first` on.
@@ -171,6 +182,8 @@ Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& l
   try {
     Scene scene;
     scene.metadata = reader->metadata();
+    const ScenePart whole = {0, static_cast<double>(scene.metadata.frames), reader->primitives()};
+    if (reader->parts() != std::vector<ScenePart>{whole}) scene.parts = reader->parts();
     STGS_TRY(read_all(*reader, scene.gaussians));
     return scene;
   } catch (const std::exception& e) {

@@ -72,11 +72,6 @@ float half_width_of(const Gaussians4D& set, std::size_t i) {
                                   set.radius[i], math::kAlphaThreshold);
 }
 
-// Of the last frame, ticks.
-double last_frame_of(const Scene& scene) {
-  return std::max(0.0, static_cast<double>(scene.metadata.frames) - 1);
-}
-
 double speed_of(const Gaussians4D& set, std::size_t i) {
   const float* u = &set.velocity[3 * i];
   return std::hypot(static_cast<double>(u[0]), static_cast<double>(u[1]),
@@ -90,15 +85,28 @@ double SceneStatistics::static_share() const {
   return visible == 0 ? 0 : static_cast<double>(static_primitives) / static_cast<double>(visible);
 }
 
+ShownFrames shown_frames(const Scene& scene, std::size_t i) {
+  const double last = std::max(0.0, static_cast<double>(scene.metadata.frames) - 1);
+  std::uint64_t end = 0;
+  for (const ScenePart& part : scene.parts) {
+    end += part.primitives;
+    if (i >= end) continue;
+    const double first = std::ceil(part.begin_ticks);
+    // The end is not the part's, but for the timeline's.
+    return {first, std::max(first, std::min(last, std::ceil(part.end_ticks) - 1))};
+  }
+  return {0, last};
+}
+
 bool covers_clip(const Scene& scene, std::size_t i) {
   const double time = scene.gaussians.time[i], half = half_width_of(scene.gaussians, i);
-  return half >= 0 && time - half <= 0 && time + half >= last_frame_of(scene);
+  const ShownFrames frames = shown_frames(scene, i);
+  return half >= 0 && time - half <= frames.first && time + half >= frames.last;
 }
 
 SceneStatistics scene_statistics(const Scene& scene) {
   const Gaussians4D& set = scene.gaussians;
   const TimeBase& base = scene.metadata.time_base;
-  const double last = last_frame_of(scene);
   SceneStatistics out;
   out.primitives = set.size();
   out.clip_seconds = base.seconds(scene.metadata.frames);
@@ -125,9 +133,11 @@ SceneStatistics scene_statistics(const Scene& scene) {
       within.push_back(all.back());
       continue;
     }
+    const ShownFrames frames = shown_frames(scene, visible[k]);
+    const double way = speed * (frames.last - frames.first);
     ++out.whole_clip;
-    drift += speed * last;
-    if (speed * last <= out.static_bound) ++out.static_primitives;
+    drift += way;
+    if (way <= out.static_bound) ++out.static_primitives;
   }
   if (out.whole_clip > 0) out.whole_clip_drift = drift / static_cast<double>(out.whole_clip);
   out.lifespans = histogram(within, lifespan_edges(out.clip_seconds, base.seconds(1)));

@@ -20,12 +20,14 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const std::uint64_t at = entry.offset;
   const std::size_t n = set.size();
   check_primitives(set, segment, at, findings);
-  const Interval interval =
-      interval_of(entry.level, entry.slot, head.index.chunk_ticks, scene.frames);
+  const Interval interval = interval_of(head, entry);
+  const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,
              [&](std::size_t i) {
-               const Lifetime lifetime = lifetime_of(set.opacity_logit[i], set.time[i],
-                                                     set.sigma[i], set.radius[i], scene.frames);
+               const Lifetime lifetime =
+                   within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i],
+                                      set.radius[i], scene.frames),
+                          {part.begin, part.end});
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });

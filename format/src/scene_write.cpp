@@ -49,6 +49,29 @@ Status check_sizes(const Gaussians4D& set) {
   return {};
 }
 
+Status check_parts(const Scene& scene) {
+  std::uint64_t primitives = 0;
+  for (const ScenePart& part : scene.parts) {
+    primitives += part.primitives;
+    if (!(part.begin_ticks >= 0.0 && part.begin_ticks < part.end_ticks &&
+          part.end_ticks <= scene.metadata.frames)) {
+      return usage_error("a part lasts from {} to {} of {} frames", part.begin_ticks,
+                         part.end_ticks, scene.metadata.frames);
+    }
+  }
+  if (!scene.parts.empty() && primitives != scene.gaussians.size()) {
+    return usage_error("the parts have {} primitives, the scene has {}", primitives,
+                       scene.gaussians.size());
+  }
+  const std::optional<CaptureWindow>& window = scene.metadata.window;
+  if (window &&
+      std::uint64_t{window->first_frame} + scene.metadata.frames > window->capture_frames) {
+    return usage_error("{} frames from frame {} on do not lie in a capture of {} frames",
+                       scene.metadata.frames, window->first_frame, window->capture_frames);
+  }
+  return {};
+}
+
 Status check_values(const Gaussians4D& set) {
   for (Attribute attribute : attributes_of(set.sh_degree)) {
     const AttributeView<const float> view = view_of(set, attribute);
@@ -122,15 +145,38 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
 
 struct Body {
   FileIndex index;
+  std::vector<PartEntry> parts;
   std::vector<std::vector<std::uint8_t>> records;
   std::vector<std::uint32_t> order;  // index in the scene of each primitive of the file
 };
 
-Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantiser,
-                 double chunk_ticks, std::uint32_t frames, int zstd_level) {
-  std::vector<SegmentMembers> segments =
-      segments_of(set, chunk_ticks, frames, !quantiser.has_value());
+// The parts as ranges of the primitives; one of all where there are none.
+std::vector<PartRange> ranges_of(const Scene& scene) {
+  const auto count = static_cast<std::uint32_t>(scene.gaussians.size());
+  const auto frames = static_cast<double>(scene.metadata.frames);
+  if (scene.parts.empty()) return {{0, count, {0.0, frames}}};
+  std::vector<PartRange> ranges;
+  std::uint32_t first = 0;
+  for (const ScenePart& part : scene.parts) {
+    const auto last = static_cast<std::uint32_t>(first + part.primitives);
+    ranges.push_back({first, last, {part.begin_ticks, part.end_ticks}});
+    first = last;
+  }
+  return ranges;
+}
+
+Body encode_body(const Gaussians4D& set, const std::vector<PartRange>& parts,
+                 const std::optional<Quantiser>& quantiser, double chunk_ticks,
+                 std::uint32_t frames, int zstd_level) {
+  std::vector<SegmentMembers> segments;
   Body body;
+  for (const PartRange& part : parts) {
+    const std::vector<SegmentMembers> more =
+        segments_of(set, part, chunk_ticks, frames, !quantiser.has_value());
+    segments.insert(segments.end(), more.begin(), more.end());
+    body.parts.push_back(
+        {part.interval.begin, part.interval.end, static_cast<std::uint32_t>(more.size())});
+  }
   body.index.chunk_ticks = chunk_ticks;
   body.index.entries.resize(segments.size());
   body.records.resize(segments.size());
@@ -171,8 +217,19 @@ Body encode_body(const Gaussians4D& set, const std::optional<Quantiser>& quantis
 }
 
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
-  const std::vector<std::uint8_t> meta = write_record(kMetadataTag, write_metadata(metadata));
+  std::vector<std::uint8_t> meta = write_record(kMetadataTag, write_metadata(metadata));
+  const auto add = [&meta](std::uint32_t tag, const std::vector<std::uint8_t>& payload,
+                           std::uint32_t flags) {
+    const std::vector<std::uint8_t> record = write_record(tag, payload, flags);
+    meta.insert(meta.end(), record.begin(), record.end());
+  };
+  const std::optional<CaptureWindow>& window = metadata.scene.window;
+  const bool in_parts = body.parts.size() > 1 || body.parts[0].begin > 0.0 ||
+                        body.parts[0].end < metadata.scene.frames;
+  if (window) add(kWindowTag, write_window(*window), 0);
+  if (in_parts) add(kPartsTag, write_parts(body.parts), kCritical);
   FileHeader header;
+  header.minor = window || in_parts ? 2 : 1;  // spec 2.5
   header.head_bytes = kHeaderBytes + meta.size() + kRecordHeaderBytes +
                       index_bytes(body.index.entries.size(), body.index.attributes.size());
   header.file_bytes = header.head_bytes;
@@ -198,6 +255,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene.gaussians));
   STGS_TRY(check_values(scene.gaussians));
+  STGS_TRY(check_parts(scene));
   try {
     FileMetadata metadata{scene.metadata, settings.profile, scene.gaussians.sh_degree};
     const double chunk_ticks = scene.metadata.time_base.ticks(settings.chunk_seconds);
@@ -211,8 +269,8 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     const Gaussians4D& set = quantiser ? snapped : scene.gaussians;
     set_bounds(set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
     STGS_TRY(check_metadata(metadata));
-    Body body =
-        encode_body(set, quantiser, chunk_ticks, scene.metadata.frames, settings.zstd_level);
+    Body body = encode_body(set, ranges_of(scene), quantiser, chunk_ticks, scene.metadata.frames,
+                            settings.zstd_level);
     if (order != nullptr) *order = std::move(body.order);
     return assemble(metadata, body);
   } catch (const std::exception& e) {

@@ -29,6 +29,12 @@ Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
   return {std::max(0.0, time - reach), std::min<double>(frames, time + reach), false};
 }
 
+Lifetime within(const Lifetime& lifetime, const Interval& interval) {
+  const Lifetime cut = {std::max(lifetime.begin, interval.begin),
+                        std::min(lifetime.end, interval.end), lifetime.never};
+  return cut.never || cut.begin >= cut.end ? Lifetime{0, 0, true} : cut;
+}
+
 Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frames) {
   if (lifetime.never || lifetime.end - lifetime.begin > 0.5 * frames) return {};
   for (int level = 0; std::ldexp(chunk_ticks, level) < frames; ++level) {
@@ -44,20 +50,22 @@ Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frame
   return {};
 }
 
-std::vector<SegmentMembers> segments_of(const Gaussians4D& set, double chunk_ticks,
-                                        std::uint32_t frames, bool keep_never_visible) {
+std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
+                                        double chunk_ticks, std::uint32_t frames,
+                                        bool keep_never_visible) {
   // Beginning, then the longer first.
   std::map<std::pair<double, int>, SegmentMembers> segments;
-  for (std::size_t i = 0; i < set.size(); ++i) {
+  for (std::uint32_t i = part.first; i < part.last; ++i) {
     const Lifetime lifetime =
-        lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames);
+        within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames),
+               part.interval);
     if (lifetime.never && !keep_never_visible) continue;
     const Place place = place_of(lifetime, chunk_ticks, frames);
     const double begin = interval_of(place.level, place.slot, chunk_ticks, frames).begin;
     SegmentMembers& segment =
         segments[{begin, place.level < 0 ? -1000 : -static_cast<int>(place.level)}];
     segment.place = place;
-    segment.members.push_back(static_cast<std::uint32_t>(i));
+    segment.members.push_back(i);
   }
   std::vector<SegmentMembers> out;
   out.reserve(segments.size());

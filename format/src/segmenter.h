@@ -18,6 +18,9 @@ struct Lifetime {
 Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
                      std::uint32_t frames);
 
+// What of it lies in the interval; never, where that is nothing.
+Lifetime within(const Lifetime& lifetime, const Interval& interval);
+
 struct Place {
   std::int16_t level = -1;
   std::uint32_t slot = 0;
@@ -30,9 +33,15 @@ struct SegmentMembers {
   Place place;
   std::vector<std::uint32_t> members;
 };
-// Every primitive exactly once, segments in file order (spec 5.6). Those that are never visible are
-// persistent, or left out.
-std::vector<SegmentMembers> segments_of(const Gaussians4D& set, double chunk_ticks,
-                                        std::uint32_t frames, bool keep_never_visible);
+// A part's primitives: [first, last) of a set, drawn within an interval.
+struct PartRange {
+  std::uint32_t first = 0, last = 0;
+  Interval interval;
+};
+// Every primitive of the part exactly once, segments in file order (spec 5.6). Those that are never
+// visible are persistent, or left out.
+std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
+                                        double chunk_ticks, std::uint32_t frames,
+                                        bool keep_never_visible);
 
 }  // namespace stgs

@@ -68,7 +68,7 @@ TEST_CASE("pack reports the errors of the file that it wrote") {
   scene.gaussians.opacity_logit[5] = -20.0f;  // never visible
   REQUIRE(write_scene(in, scene, {}).ok());
   encoder::PackReport report;
-  const Status status = encoder::pack(in, out, {}, &report);
+  const Status status = encoder::pack({in}, out, {}, &report);
   INFO(status.message());
   REQUIRE(status.ok());
   CHECK(report.primitives + report.dropped == 3000);
@@ -87,7 +87,8 @@ TEST_CASE("pack reports the errors of the file that it wrote") {
   REQUIRE(read.ok());
   CHECK((*read)->profile() == Profile::kQuantised);
   CHECK((*read)->primitives() == report.primitives);
-  CHECK(encoder::pack((folder / "none.stgs").string(), out, {}, nullptr).code() == StatusCode::kIo);
+  CHECK(encoder::pack({(folder / "none.stgs").string()}, out, {}, nullptr).code() ==
+        StatusCode::kIo);
   std::filesystem::remove_all(folder);
 }
 
@@ -99,7 +100,7 @@ TEST_CASE("packing stops where it is told to, and then writes nothing") {
   for (int steps = 0;; ++steps) {
     double last = -1;
     int left = steps;
-    const Status status = encoder::pack(in, out, {}, nullptr, [&](const encoder::Progress& p) {
+    const Status status = encoder::pack({in}, out, {}, nullptr, [&](const encoder::Progress& p) {
       CHECK(p.stage == "pack");
       CHECK(p.done > last);
       last = p.done;

@@ -71,7 +71,7 @@ TEST_CASE("a file says what it is") {
   CHECK(metadata.start_camera->width == 640);
   CHECK((*reader)->profile() == Profile::kLossless);
   CHECK((*reader)->version_major() == kFormatMajor);
-  CHECK((*reader)->version_minor() == kFormatMinor);
+  CHECK((*reader)->version_minor() == 1);  // the least that has all it uses
   CHECK((*reader)->sh_degree() == 1);
   CHECK((*reader)->primitives() == 100);
   CHECK((*reader)->file_bytes() == bytes->size());

@@ -8,6 +8,7 @@ The ```sh blocks are run from top to bottom in one empty folder in which capture
 capture; training is cut short. A block right after a line `<!-- not run: WHY -->` is only read: each
 `stgs` command in it must name a verb, and options that the verb's --help lists.
 """
+import glob
 import os
 import re
 import shlex
@@ -50,7 +51,10 @@ def check_words(stgs, words):
 
 def run_words(stgs, words, folder):
     verb = words[1]
-    command = [stgs, *words[1:]]
+    # As the shell does it.
+    matches = [sorted(glob.glob(word, root_dir=folder)) if "*" in word else [word]
+               for word in words[1:]]
+    command = [stgs, *(word for found in matches for word in found)]
     cut = CUT_SHORT.get(verb, [])
     for option, value in zip(cut[::2], cut[1::2]):
         if option not in command:

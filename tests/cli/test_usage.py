@@ -139,7 +139,7 @@ class Help(CliTest):
         expected = {
             "prepare": "--layout --frames --scale --test-cameras --fps --output",
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
-                     "--frame-memory --held-out --ablate --set --log --report --output",
+                     "--frame-memory --frames --window --overlap --part --held-out --ablate --set --log --report --output",
             "pack": "--quality --output",
             "encode": "--layout --frames --preset --iterations --quality --keep-work --output",
             "render": "--camera --cameras --which --time --frames --size --background --beside "

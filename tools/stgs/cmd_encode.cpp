@@ -62,10 +62,11 @@ class Encode final : public Command {
                              return encoder::check_training(training, &capture);
                            }));
     seconds[0] = lap();
-    STGS_TRY(train_to_file(prepared, trained, train_.report(), training, session, train_report));
+    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
+    STGS_TRY(train_to_file(capture, trained, train_.report(), training, session, train_report));
     seconds[1] = lap();
     STGS_TRY(
-        encoder::pack(trained, output_, pack_.settings(), &pack_report, session.progress_sink()));
+        encoder::pack({trained}, output_, pack_.settings(), &pack_report, session.progress_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);
   }

@@ -9,6 +9,7 @@
 #include "options.h"
 #include "picture.h"
 #include "stgs/encoder/metrics.h"
+#include "stgs/encoder/windows.h"
 #include "stgs/format/image_drift.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
@@ -108,7 +109,8 @@ class Evaluate final : public Command {
         "at most 15 of the evaluated frames; none with fewer than 5. static drift: how many\n"
         "pixels the centre of a primitive whose support covers the clip moves over the clip,\n"
         "from first to last frame, mean over the training cameras that see it, then over the\n"
-        "primitives, each alike or by its opacity.",
+        "primitives, each alike or by its opacity. A window of a capture is measured at its\n"
+        "own frames.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -128,7 +130,8 @@ class Evaluate final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto timeline, player::Timeline::open(file_));
-    STGS_ASSIGN(capture_, encoder::read_prepared_capture(folder_));
+    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
+    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), file_));
     STGS_TRY(check_match(timeline->metadata()));
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));

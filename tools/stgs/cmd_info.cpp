@@ -53,9 +53,20 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"generator", m.generator},
                {"title", m.title},
                {"start_camera", nullptr},
+               {"window", nullptr},
+               {"parts", Json::array()},
                {"segments", segments_json(reader)},
                {"streams", Json::array()}};
   if (m.start_camera) json["start_camera"] = camera_json(*m.start_camera);
+  if (m.window) {
+    json["window"] = {{"first_frame", m.window->first_frame},
+                      {"capture_frames", m.window->capture_frames}};
+  }
+  for (const ScenePart& part : reader.parts()) {
+    json["parts"].push_back({{"begin_s", m.time_base.seconds(part.begin_ticks)},
+                             {"end_s", m.time_base.seconds(part.end_ticks)},
+                             {"primitives", part.primitives}});
+  }
   for (const StreamInfo& stream : reader.streams()) {
     json["streams"].push_back(
         {{"name", stream.name}, {"bytes", stream.bytes}, {"raw_bytes", stream.raw_bytes}});
@@ -79,6 +90,18 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
       m.bounds_max[0], m.bounds_max[1], m.bounds_max[2], m.metric ? " m" : "");
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
+  }
+  if (m.window) {
+    out +=
+        fmt::format("  window           frames {}:{} of a capture of {}\n", m.window->first_frame,
+                    m.window->first_frame + m.frames, m.window->capture_frames);
+  }
+  if (reader.parts().size() > 1) {
+    for (const ScenePart& part : reader.parts()) {
+      out += fmt::format("  part             {:.3f} s to {:.3f} s, {} primitives\n",
+                         m.time_base.seconds(part.begin_ticks), m.time_base.seconds(part.end_ticks),
+                         part.primitives);
+    }
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);
   if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);

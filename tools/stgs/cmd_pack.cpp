@@ -12,31 +12,36 @@ namespace {
 class Pack final : public Command {
  public:
   Help help() const override {
-    return {"pack", "Compress a trained scene",
+    return {"pack", "Compress a trained scene, or merge the windows of a capture",
             "Writes the quantised profile: lifespan segments, bounded errors, a stream an\n"
             "attribute. Decodes what it wrote and tells the errors that it measured, against\n"
-            "SCENE. A SCENE that was packed before is packed with a warning.",
+            "SCENE. A SCENE that was packed before is packed with a warning. The windows of a\n"
+            "long capture, in any order, become one file: each is drawn up to the middle of the\n"
+            "frames that it shares with the next.",
             "  stgs pack trained.stgs -o scene.stgs\n"
-            "  stgs pack trained.stgs -o small.stgs --quality 60"};
+            "  stgs pack trained.stgs -o small.stgs --quality 60\n"
+            "  stgs pack parts/*.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("SCENE", input_, "A lossless .stgs file")->required();
+    app.add_option("SCENE", inputs_, "A lossless .stgs file, or one for each window")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
     options_.declare(app);
   }
   Status run(Session& session) override {
     STGS_TRY(check_can_write(output_));
-    std::error_code missing;  // where there is none yet, it is another file
-    if (std::filesystem::equivalent(input_, output_, missing)) {
-      return usage_error("{}: is the scene itself, which packing would lose; name another output",
-                         output_);
+    for (const std::string& input : inputs_) {
+      std::error_code missing;  // where there is none yet, it is another file
+      if (std::filesystem::equivalent(input, output_, missing)) {
+        return usage_error("{}: is the scene itself, which packing would lose; name another output",
+                           output_);
+      }
     }
     encoder::PackReport report;
     const double begin = now_seconds();
-    STGS_TRY(encoder::pack(input_, output_, options_.settings(), &report, session.progress_sink(),
+    STGS_TRY(encoder::pack(inputs_, output_, options_.settings(), &report, session.progress_sink(),
                            session.log_sink()));
-    Json json = {{"input", input_}, {"output", output_}, {"seconds", now_seconds() - begin}};
+    Json json = {{"inputs", inputs_}, {"output", output_}, {"seconds", now_seconds() - begin}};
     json.update(to_json(report));
     json["peak_memory"] = peak_memory();
     return session.emit(
@@ -51,7 +56,8 @@ class Pack final : public Command {
   }
 
  private:
-  std::string input_, output_;
+  std::vector<std::string> inputs_;
+  std::string output_;
   PackOptions options_;
 };
 

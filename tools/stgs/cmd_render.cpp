@@ -8,6 +8,7 @@
 #include "command.h"
 #include "options.h"
 #include "picture_sink.h"
+#include "stgs/encoder/windows.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::tools {
@@ -119,6 +120,9 @@ class Render final : public Command {
     std::vector<encoder::Camera> cameras;
     if (!o_.cameras.empty()) {
       STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras));
+      if (o_.beside) {
+        STGS_ASSIGN(capture_, encoder::shown_part(capture_, metadata, o_.file));
+      }
       STGS_ASSIGN(cameras, choose_cameras(capture_, o_.which));
     } else if (!o_.camera.empty()) {
       STGS_ASSIGN(const encoder::Camera camera, read_camera(o_.camera));

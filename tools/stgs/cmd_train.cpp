@@ -5,6 +5,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_place.h"
+#include "train_windows.h"
 
 namespace stgs::tools {
 namespace {
@@ -20,13 +21,16 @@ class Train final : public Command {
         "of processor, without --max-seconds. Held-out measures do not change the scene.",
         "  stgs train prepared/ -o scene.stgs --preset fast --report report/\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
-        "  stgs train prepared/ -o scene.stgs --resume run.ckpt"};
+        "  stgs train prepared/ -o scene.stgs --resume run.ckpt\n"
+        "  stgs train prepared/ -o parts/ --window 300 --overlap 30"};
   }
   Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
-    app.add_option("-o,--output", output_, "The lossless .stgs file to make");
+    app.add_option("-o,--output", output_,
+                   "The lossless .stgs file to make, or a folder for windows");
     options_.declare(app);
+    windows_.declare(app);
     app.add_flag("--list-parameters", list_, "List what --set takes for the preset, and end");
   }
   Status run(Session& session) override {
@@ -34,9 +38,11 @@ class Train final : public Command {
     if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
     if (output_.empty()) return usage_error("--output, the file to make, is required");
     STGS_ASSIGN(const auto settings, options_.settings(session.options, {{"--output", output_}}));
+    STGS_ASSIGN(const auto capture, windows_.capture(folder_));
+    if (windows_.several()) return train_all(capture, settings, session);
     STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
-    STGS_TRY(train_to_file(folder_, output_, options_.report(), settings, session, report));
+    STGS_TRY(train_to_file(capture, output_, options_.report(), settings, session, report));
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
                                      ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
@@ -56,6 +62,18 @@ class Train final : public Command {
   }
 
  private:
+  Status train_all(const encoder::PreparedCapture& capture, const encoder::TrainSettings& settings,
+                   Session& session) {
+    if (!settings.resume.empty() || !settings.checkpoint.empty() || options_.has_log()) {
+      return usage_error(
+          "--checkpoint, --resume and --log are for one run; with --window each window has its "
+          "checkpoint beside its file, goes on from it, and logs into the folder of --report");
+    }
+    STGS_TRY(check_can_make_folder(output_));
+    STGS_ASSIGN(const auto spans, windows_.spans(capture));
+    return train_windows(capture, spans, output_, options_.report(), settings, session);
+  }
+
   Status list(Session& session) const {
     Json parameters = Json::object();
     std::string text;
@@ -68,6 +86,7 @@ class Train final : public Command {
 
   std::string folder_, output_;
   TrainOptions options_;
+  WindowOptions windows_;
   bool list_ = false;
 };
 

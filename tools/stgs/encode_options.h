@@ -51,6 +51,7 @@ class TrainOptions {
   const std::string& report() const { return report_; }
   // The folder of the report, for JSON.
   Json report_json() const { return report_.empty() ? Json(nullptr) : Json(report_); }
+  bool has_log() const { return !log_.empty(); }
 
  private:
   Status check_places(const std::string& log_path, std::vector<NamedPlace> places) const;
@@ -85,7 +86,7 @@ Json to_json(const encoder::TrainReport& report);
 Json to_json(const encoder::PackReport& report);
 
 // Trains and writes the lossless scene to `output`, and a report into a folder unless it is "".
-Status train_to_file(const std::string& folder, const std::string& output,
+Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
                      Session& session, encoder::TrainReport& report);
 

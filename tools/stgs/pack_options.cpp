@@ -27,9 +27,17 @@ encoder::PackSettings PackOptions::settings() const {
 }
 
 Json to_json(const encoder::PackReport& report) {
+  Json parts = Json::array();
+  for (const encoder::PackedPart& part : report.parts) {
+    parts.push_back({{"input", part.input},
+                     {"begin_frame", part.begin_ticks},
+                     {"end_frame", part.end_ticks},
+                     {"primitives", part.primitives}});
+  }
   return {{"input_profile", profile_name(report.input_profile)},
           {"primitives", report.primitives},
           {"dropped", report.dropped},
+          {"parts", parts},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
           {"bytes_per_primitive", report.bytes_per_primitive},

@@ -163,10 +163,9 @@ Json to_json(const encoder::TrainReport& report) {
           {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)}};
 }
 
-Status train_to_file(const std::string& folder, const std::string& output,
+Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
                      Session& session, encoder::TrainReport& report) {
-  STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
   if (!settings.checkpoint.empty()) {
     for (const std::string& file : remove_stale_files(settings.checkpoint)) {
       session.log(2, fmt::format("{}: removed, a killed training had left it", file));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "stgs/encoder/windows.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/output_file.h"
@@ -37,9 +38,41 @@ void measure(const Gaussians4D& original, const Gaussians4D& decoded,
   report.colour_rms = std::sqrt(colour_sum / (3.0 * n));
 }
 
+// The scene of one file, or of all windows together; tells their bytes and parts.
+Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& log,
+                          PackReport& report) {
+  std::vector<WindowScene> windows;
+  for (const std::string& path : paths) {
+    STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(path));
+    report.bytes_in += input->file_bytes();
+    if (input->profile() != Profile::kLossless) {
+      report.input_profile = input->profile();
+      if (log) {
+        log(1, fmt::format("{}: is packed already: what it lost stays lost, and this packing loses "
+                           "more; pack the lossless scene that 'train' wrote, if it is still there",
+                           path));
+      }
+    }
+    STGS_ASSIGN(Scene scene, read_scene(path));
+    windows.push_back({path, std::move(scene)});
+  }
+  if (windows.size() == 1) return std::move(windows.front().scene);
+  std::stable_sort(windows.begin(), windows.end(), [](const WindowScene& a, const WindowScene& b) {
+    return comes_before(a.scene, b.scene);
+  });
+  std::vector<std::string> names;
+  for (const WindowScene& window : windows) names.push_back(window.name);
+  STGS_ASSIGN(Scene merged, merge_windows(std::move(windows)));
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const ScenePart& part = merged.parts[i];
+    report.parts.push_back({names[i], part.begin_ticks, part.end_ticks, 0});
+  }
+  return merged;
+}
+
 }  // namespace
 
-Status pack(const std::string& scene_path, const std::string& output_path,
+Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress,
             const LogSink& log) {
   const auto go_on = [&](double done, const char* detail) -> Status {
@@ -47,13 +80,8 @@ Status pack(const std::string& scene_path, const std::string& output_path,
     return runtime_error("{}: stopped while packing, nothing is written", output_path);
   };
   STGS_TRY(go_on(0, "reading"));
-  STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(scene_path));
-  if (log && input->profile() != Profile::kLossless) {
-    log(1, fmt::format("{}: is packed already: what it lost stays lost, and this packing loses "
-                       "more; pack the lossless scene that 'train' wrote, if it is still there",
-                       scene_path));
-  }
-  STGS_ASSIGN(const Scene scene, read_scene(scene_path));
+  PackReport found;
+  STGS_ASSIGN(const Scene scene, read_inputs(scene_paths, log, found));
   STGS_TRY(go_on(0.1, "compressing"));
   WriteSettings write;
   write.profile = Profile::kQuantised;
@@ -69,11 +97,12 @@ Status pack(const std::string& scene_path, const std::string& output_path,
   // Too late to stop.
   if (progress) progress({"pack", 1, -1, "written"});
   if (report == nullptr) return {};
-  *report = {};
+  for (std::size_t i = 0; i < found.parts.size(); ++i) {
+    found.parts[i].primitives = decoded.parts[i].primitives;
+  }
+  *report = std::move(found);
   report->primitives = order.size();
   report->dropped = scene.gaussians.size() - order.size();
-  report->input_profile = input->profile();
-  report->bytes_in = input->file_bytes();
   report->bytes_out = bytes.size();
   report->bytes_per_primitive =
       static_cast<double>(bytes.size()) / std::max<double>(1.0, static_cast<double>(order.size()));

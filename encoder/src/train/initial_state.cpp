@@ -7,6 +7,7 @@
 #include <map>
 #include <nanoflann.hpp>
 
+#include "stgs/encoder/windows.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
@@ -75,12 +76,18 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   if (std::filesystem::exists(dynamic_path)) {
     STGS_ASSIGN(moving, read_points(dynamic_path));
   }
-  for (const InitialPoint& point : moving) {
-    if (point.frame < 0 || point.frame >= capture.frames) {
+  const int frames =
+      capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;
+  for (InitialPoint& point : moving) {
+    if (point.frame < 0 || point.frame >= frames) {
       return invalid_file("{}: a point has frame {}, but the capture has frames 0 to {}",
-                          dynamic_path, point.frame, capture.frames - 1);
+                          dynamic_path, point.frame, frames - 1);
     }
+    point.frame -= capture.skipped();
   }
+  std::erase_if(moving, [&capture](const InitialPoint& point) {
+    return point.frame < 0 || point.frame >= capture.frames;
+  });
   if (!ablation.initialisation) {
     std::erase_if(moving, [](const InitialPoint& point) { return point.frame != 0; });
     for (InitialPoint& point : moving) {
@@ -169,7 +176,14 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     state.derive_all(false);
   }
   if (parameters.seen_background != 0) {
-    STGS_ASSIGN(state.background, scene_background(capture, state.set));
+    if (capture.window) {
+      // The whole capture's, so that all windows have the same.
+      STGS_ASSIGN(const TrainState whole,
+                  initial_state(whole_of(capture), parameters, ablation, seed));
+      state.background = whole.background;
+    } else {
+      STGS_ASSIGN(state.background, scene_background(capture, state.set));
+    }
   }
   return state;
 }

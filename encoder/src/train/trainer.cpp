@@ -7,6 +7,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "stgs/encoder/windows.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
@@ -337,6 +338,8 @@ Scene Trainer::scene() const {
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metric = capture_.metric;
+  metadata.window = capture_.window;
+  if (metadata.window) metadata.window->training = settings_id(settings_);
   metadata.near_plane = capture_.near_plane;
   std::copy_n(&state_.background.x, 3, metadata.background);
   metadata.start_camera = start_camera(images_.cameras());

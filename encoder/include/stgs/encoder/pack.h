@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "stgs/encoder/progress.h"
 #include "stgs/format/scene_file.h"
@@ -15,22 +16,31 @@ struct PackSettings {
   double chunk_seconds = 0.5;
 };
 
+// A merged window: the frames at which its primitives are drawn.
+struct PackedPart {
+  std::string input;
+  double begin_ticks = 0, end_ticks = 0;
+  std::uint64_t primitives = 0;  // written
+};
+
 struct PackReport {
   Profile input_profile = Profile::kLossless;
   std::uint64_t primitives = 0;  // written
   std::uint64_t dropped = 0;     // never visible within the clip
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
+  std::vector<PackedPart> parts;  // in the order of time; empty for one scene
   // Largest and root-mean-square errors of what was written, measured by decoding it.
   double position_max = 0, position_rms = 0;  // scene units
   double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
   double opacity_max = 0;                     // 0..1
 };
 
-// Reads a scene, writes it quantised (atomically), decodes the result and reports its errors;
-// `report` may be null. Stage "pack"; where `progress` says to stop, nothing is written (kRuntime).
-// A scene that is quantised already is packed with a warning: its errors stay, new ones come.
-Status pack(const std::string& scene_path, const std::string& output_path,
+// Reads a scene, or the windows of a capture, which are merged (windows.h); writes it quantised
+// (atomically), decodes the result and reports its errors; `report` may be null. Stage "pack";
+// where `progress` says to stop, nothing is written (kRuntime). A scene that is quantised already
+// is packed with a warning: its errors stay, new ones come.
+Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
             const LogSink& log = {});
 

@@ -10,11 +10,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
+#include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
@@ -50,7 +52,12 @@ struct PreparedCapture {
   float extent = 1.0f;       // radius of the camera positions around their centre, scene units
   double scene_centre[3] = {0, 0, 0};
   double scene_radius = 1.0;  // of the initial points around scene_centre, 95 % of them
+  // Where this is a part of the capture in the folder (windows.h): frame 0 is then the window's
+  // first, for frame_path too.
+  std::optional<CaptureWindow> window;
 
+  // Frames of the folder before frame 0.
+  int skipped() const { return window ? static_cast<int>(window->first_frame) : 0; }
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;
 };

@@ -16,7 +16,7 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 1;
+inline constexpr std::uint16_t kFormatMinor = 2;  // a file states the least that it needs
 
 enum class Profile : std::uint16_t {
   kLossless = 0,   // every float as trained
@@ -34,6 +34,15 @@ struct StartCamera {
   std::uint32_t width = 0, height = 0;   // pixels
 };
 
+// Of which longer capture a scene is one window (spec 4.5).
+struct CaptureWindow {
+  std::uint32_t first_frame = 0;     // of the capture: the scene's moment 0
+  std::uint32_t capture_frames = 0;  // of the whole capture
+  std::uint64_t capture = 0;         // equal for windows of one capture
+  std::uint64_t training = 0;        // equal for windows that were trained alike
+  bool operator==(const CaptureWindow&) const = default;
+};
+
 // What a file says about itself.
 struct SceneMetadata {
   TimeBase time_base;
@@ -46,11 +55,21 @@ struct SceneMetadata {
   std::optional<StartCamera> start_camera;
   std::string generator;  // program and version that wrote the file
   std::string title;
+  std::optional<CaptureWindow> window;
+};
+
+// Successive primitives that are drawn at the moments of [begin, end) alone (spec 5.10); a part
+// that reaches the end of the timeline includes it.
+struct ScenePart {
+  double begin_ticks = 0, end_ticks = 0;  // 0 <= begin < end <= frames
+  std::uint64_t primitives = 0;
+  bool operator==(const ScenePart&) const = default;
 };
 
 struct Scene {
   SceneMetadata metadata;
   Gaussians4D gaussians;
+  std::vector<ScenePart> parts;  // of all the primitives, in their order; empty: always drawn
 };
 
 // Upper bounds that a reader refuses to pass, checked before anything is allocated.
@@ -59,12 +78,13 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;  // bytes, decoded
 };
 
-// One lifespan segment: the primitives whose support lies inside [begin, end).
+// One lifespan segment: the primitives that are drawn inside [begin, end) alone.
 struct SegmentInfo {
-  std::int32_t level = 0;  // -1: persistent, the whole timeline; else span = chunk << level
+  std::int32_t level = 0;  // -1: persistent, all of its part; else span = chunk << level
   double begin_ticks = 0, end_ticks = 0;
   std::uint32_t primitives = 0;
   std::uint64_t offset = 0, bytes = 0;  // in the file
+  std::uint32_t part = 0;               // of SceneReader::parts()
 };
 
 // Bytes spent on one attribute over the whole file.
@@ -91,6 +111,8 @@ class SceneReader {
   virtual std::uint64_t primitives() const = 0;
   virtual std::uint64_t file_bytes() const = 0;
   virtual const std::vector<SegmentInfo>& segments() const = 0;
+  // At least one; segments are listed part after part.
+  virtual const std::vector<ScenePart>& parts() const = 0;
   virtual std::vector<StreamInfo> streams() const = 0;
   // Indices of the segments that hold every primitive alive somewhere in [t0, t1], ticks; from the
   // index alone, ascending in file offset.

@@ -48,8 +48,15 @@ struct SceneStatistics {
 
 SceneStatistics scene_statistics(const Scene& scene);
 
-// Whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)), holds every
-// frame of the clip.
+// The first and the last frame at which primitive i is drawn where its support has them, ticks: the
+// clip's, or its part's in a scene in parts, for which these stand in for the clip.
+struct ShownFrames {
+  double first = 0, last = 0;
+};
+ShownFrames shown_frames(const Scene& scene, std::size_t i);
+
+// Whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)), holds all
+// of its shown_frames.
 bool covers_clip(const Scene& scene, std::size_t i);
 
 }  // namespace stgs

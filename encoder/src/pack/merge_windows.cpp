@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "stgs/encoder/windows.h"
+
+namespace stgs::encoder {
+namespace {
+
+FrameSpan span_of(const Scene& scene) {
+  const auto begin = static_cast<int>(scene.metadata.window->first_frame);
+  return {begin, begin + static_cast<int>(scene.metadata.frames)};
+}
+
+// That `b`, which does not begin before `a`, may follow it.
+Status check_pair(const WindowScene& a, const WindowScene& b) {
+  const SceneMetadata &first = a.scene.metadata, &second = b.scene.metadata;
+  if (first.window->capture != second.window->capture ||
+      first.window->capture_frames != second.window->capture_frames ||
+      !(first.time_base == second.time_base)) {
+    return usage_error("{} and {}: are windows of different captures", a.name, b.name);
+  }
+  if (a.scene.gaussians.sh_degree != b.scene.gaussians.sh_degree) {
+    return usage_error("{} has harmonics of degree {}, {} of degree {}: train all windows alike",
+                       a.name, a.scene.gaussians.sh_degree, b.name, b.scene.gaussians.sh_degree);
+  }
+  if (first.window->training != second.window->training ||
+      !std::equal(first.background, first.background + 3, second.background)) {
+    return usage_error("{} and {}: were trained with different settings; train all windows alike",
+                       a.name, b.name);
+  }
+  const FrameSpan before = span_of(a.scene), after = span_of(b.scene);
+  if (before.begin == after.begin || after.end <= before.end) {
+    return usage_error("{} (frames {}:{}) and {} (frames {}:{}): one window lies in the other",
+                       a.name, before.begin, before.end, b.name, after.begin, after.end);
+  }
+  if (after.begin > before.end) {
+    return usage_error("frames {}:{} are missing between {} and {}", before.end, after.begin,
+                       a.name, b.name);
+  }
+  return {};
+}
+
+Status check(const std::vector<WindowScene>& windows) {
+  for (std::size_t i = 1; i < windows.size(); ++i) {
+    STGS_TRY(check_pair(windows[i - 1], windows[i]));
+  }
+  const FrameSpan first = span_of(windows.front().scene), last = span_of(windows.back().scene);
+  const auto frames = static_cast<int>(windows.front().scene.metadata.window->capture_frames);
+  if (first.begin != 0) {
+    return usage_error("frames 0:{} are missing before {}", first.begin, windows.front().name);
+  }
+  if (last.end != frames) {
+    return usage_error("frames {}:{} are missing after {}", last.end, frames, windows.back().name);
+  }
+  return {};
+}
+
+// Where the earlier window ends and the later begins: between two frames, in the middle of what
+// they share, so that each is drawn where it had seen frames on both sides.
+double seam_of(const Scene& before, const Scene& after) {
+  const int begin = span_of(after).begin, shared = span_of(before).end - begin;
+  return begin + shared / 2 - 0.5;
+}
+
+void append(const Gaussians4D& from, float shift, Gaussians4D& to) {
+  const auto add = [](const std::vector<float>& more, std::vector<float>& all) {
+    all.insert(all.end(), more.begin(), more.end());
+  };
+  const std::size_t first = to.size();
+  add(from.position, to.position);
+  add(from.log_scale, to.log_scale);
+  add(from.rotation, to.rotation);
+  add(from.opacity_logit, to.opacity_logit);
+  add(from.sh, to.sh);
+  add(from.time, to.time);
+  add(from.velocity, to.velocity);
+  add(from.sigma, to.sigma);
+  add(from.radius, to.radius);
+  for (std::size_t i = first; i < to.size(); ++i) to.time[i] += shift;
+}
+
+}  // namespace
+
+bool comes_before(const Scene& a, const Scene& b) {
+  const std::optional<CaptureWindow>&first = a.metadata.window, &second = b.metadata.window;
+  return first && second ? first->first_frame < second->first_frame : !first && second;
+}
+
+Result<Scene> merge_windows(std::vector<WindowScene> windows) {
+  if (windows.size() < 2) return usage_error("at least two windows are needed to merge them");
+  for (const WindowScene& window : windows) {
+    if (window.scene.metadata.window) continue;
+    return usage_error(
+        "{}: is no window of a capture; only scenes trained with --frames or --window are merged",
+        window.name);
+  }
+  std::stable_sort(windows.begin(), windows.end(), [](const WindowScene& a, const WindowScene& b) {
+    return comes_before(a.scene, b.scene);
+  });
+  STGS_TRY(check(windows));
+  Scene merged;
+  merged.metadata = windows.front().scene.metadata;
+  merged.metadata.frames = merged.metadata.window->capture_frames;
+  merged.metadata.window.reset();
+  merged.gaussians.sh_degree = windows.front().scene.gaussians.sh_degree;
+  double begin = 0;
+  for (std::size_t i = 0; i < windows.size(); ++i) {
+    const Scene& scene = windows[i].scene;
+    const double end = i + 1 < windows.size() ? seam_of(scene, windows[i + 1].scene)
+                                              : static_cast<double>(merged.metadata.frames);
+    append(scene.gaussians, static_cast<float>(span_of(scene).begin), merged.gaussians);
+    merged.parts.push_back({begin, end, scene.gaussians.size()});
+    begin = end;
+  }
+  return merged;
+}
+
+}  // namespace stgs::encoder

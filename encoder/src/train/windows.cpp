@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/windows.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "stgs/encoder/camera_json.h"
+
+namespace stgs::encoder {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::uint64_t hash_of(const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return XXH3_64bits(text.data(), text.size());
+}
+
+// What two captures must share for scenes of them to belong together.
+std::uint64_t capture_id(const PreparedCapture& capture) {
+  Json json = {{"source", capture.source},
+               {"first_frame", capture.first_frame},
+               {"frames", capture.frames},
+               {"time_base", {capture.time_base.numerator, capture.time_base.denominator}},
+               {"scene", {capture.near_plane, capture.extent, capture.scene_radius}}};
+  for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
+  return hash_of(json);
+}
+
+}  // namespace
+
+Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap) {
+  if (frames < 1 || length < 1 || overlap < 0 || overlap >= length) {
+    return usage_error(
+        "windows of {} frames that share {}: a window must be longer than what it shares with the "
+        "next",
+        length, overlap);
+  }
+  std::vector<FrameSpan> spans = {{0, std::min(length, frames)}};
+  while (spans.back().end < frames) {
+    const int end = std::min(spans.back().end - overlap + length, frames);
+    spans.push_back({end - length, end});
+  }
+  return spans;
+}
+
+Result<PreparedCapture> window_of(const PreparedCapture& capture, const FrameSpan& span) {
+  if (span.begin < 0 || span.begin >= span.end || span.end > capture.frames) {
+    return usage_error("frames {}:{} are out of range: {} has {} frames", span.begin, span.end,
+                       capture.folder, capture.frames);
+  }
+  PreparedCapture window = capture;
+  window.window = CaptureWindow{static_cast<std::uint32_t>(span.begin),
+                                static_cast<std::uint32_t>(capture.frames), capture_id(capture), 0};
+  window.first_frame += span.begin;
+  window.frames = span.size();
+  return window;
+}
+
+PreparedCapture whole_of(const PreparedCapture& window) {
+  PreparedCapture whole = window;
+  if (!window.window) return whole;
+  whole.first_frame -= window.skipped();
+  whole.frames = static_cast<int>(window.window->capture_frames);
+  whole.window.reset();
+  return whole;
+}
+
+Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMetadata& scene,
+                                   const std::string& name) {
+  if (!scene.window) return capture;
+  const auto begin = static_cast<int>(scene.window->first_frame);
+  const FrameSpan span = {begin, begin + static_cast<int>(scene.frames)};
+  Result<PreparedCapture> window = window_of(capture, span);
+  if (!window.ok() || window->window->capture != scene.window->capture) {
+    return usage_error("{}: is a window (frames {}:{}) of another capture than {}", name,
+                       span.begin, span.end, capture.folder);
+  }
+  return window;
+}
+
+std::uint64_t settings_id(const TrainSettings& settings) {
+  Json json = {{"preset", settings.preset},
+               {"iterations", settings.iterations},
+               {"max_primitives", settings.max_primitives},
+               {"max_seconds", settings.max_seconds},
+               {"seed", settings.seed},
+               {"ablate", settings.ablate},
+               {"perceptual", settings.perceptual_weights}};
+  for (const auto& [name, value] : settings.overrides) json["set"][name] = value;
+  return hash_of(json);
+}
+
+}  // namespace stgs::encoder

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// Long captures as windows of time: cut, trained apart, merged.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "stgs/encoder/metrics.h"
+#include "stgs/encoder/pack.h"
+#include "stgs/encoder/train.h"
+#include "stgs/encoder/windows.h"
+#include "stgs/player/renderer.h"
+#include "synthetic_capture.h"
+#include "train_run.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using stgs::test::SyntheticCapture;
+
+namespace {
+
+constexpr int kFrames = 24;
+
+Scene trained(const PreparedCapture& capture, int iterations) {
+  Result<Scene> scene = train(capture, test::short_run(iterations), nullptr, nullptr, nullptr);
+  INFO(scene.status().message());
+  REQUIRE(scene.ok());
+  return std::move(*scene);
+}
+
+// A file's PSNR against the capture's held-out camera, frame by frame, as a player shows it.
+std::vector<double> psnr_by_frame(const std::string& path, const PreparedCapture& capture) {
+  auto timeline = player::Timeline::open(path);
+  INFO(timeline.status().message());
+  REQUIRE(timeline.ok());
+  auto renderer = player::make_renderer("cpu");
+  REQUIRE(renderer.ok());
+  std::vector<double> out;
+  for (int f = 0; f < capture.frames; ++f) {
+    std::vector<player::Frame> shown;
+    const float* b = (*timeline)->metadata().background;
+    const player::View view{capture.cameras.front().pinhole(capture.near_plane),
+                            {b[0], b[1], b[2]}};
+    const double seconds = capture.time_base.seconds(f);
+    REQUIRE((*renderer)->render(**timeline, seconds, {view}, shown, nullptr).ok());
+    for (float& v : shown[0].colour.data) v = std::clamp(v, 0.0f, 1.0f);
+    const Result<Image8> truth = load_frame(capture, capture.cameras.front(), f);
+    REQUIRE(truth.ok());
+    out.push_back(psnr_of(mean_squared_error(shown[0].colour, to_float(*truth))));
+  }
+  return out;
+}
+
+double mean_of(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double v : values) sum += v;
+  return sum / static_cast<double>(values.size());
+}
+
+// A scene of nothing, as a window of a capture.
+WindowScene window_scene(const std::string& name, std::uint32_t first, std::uint32_t frames) {
+  WindowScene window{name, {}};
+  window.scene.metadata.frames = frames;
+  window.scene.metadata.window = CaptureWindow{first, 100, 7, 8};
+  return window;
+}
+
+}  // namespace
+
+TEST_CASE("windows cover the capture and share what was asked for") {
+  const auto spans = [](int frames, int length, int overlap) {
+    const auto planned = plan_windows(frames, length, overlap);
+    REQUIRE(planned.ok());
+    return *planned;
+  };
+  using Spans = std::vector<FrameSpan>;
+  CHECK(spans(10, 10, 3) == Spans{{0, 10}});
+  CHECK(spans(10, 20, 3) == Spans{{0, 10}});
+  CHECK(spans(24, 12, 0) == Spans{{0, 12}, {12, 24}});
+  CHECK(spans(28, 12, 4) == Spans{{0, 12}, {8, 20}, {16, 28}});
+  CHECK(spans(24, 12, 4) == Spans{{0, 12}, {8, 20}, {12, 24}});  // the last is as long
+  CHECK(spans(4, 2, 1) == Spans{{0, 2}, {1, 3}, {2, 4}});
+  for (const auto& [length, overlap] : {std::pair{0, 0}, {5, 5}, {5, 6}, {5, -1}}) {
+    CHECK(plan_windows(20, length, overlap).status().code() == StatusCode::kUsage);
+  }
+}
+
+TEST_CASE("a window has the capture's frames, points and clock from its first frame on") {
+  const SyntheticCapture synthetic("windows_part", 4, 8);
+  const PreparedCapture& whole = synthetic.capture;
+  const Result<PreparedCapture> window = window_of(whole, {3, 7});
+  REQUIRE(window.ok());
+  CHECK(window->frames == 4);
+  CHECK(window->frame_path(whole.cameras[0], 1) == whole.frame_path(whole.cameras[0], 4));
+  CHECK(window->mask_path(whole.cameras[0], 1) == whole.mask_path(whole.cameras[0], 4));
+  TrainSettings settings = test::short_run(1);
+  settings.max_primitives = 5000;  // none is thinned out
+  const Result<Scene> start = train(*window, settings, nullptr, nullptr, nullptr);
+  REQUIRE(start.ok());
+  CHECK(start->metadata.frames == 4);
+  REQUIRE(start->metadata.window);
+  CHECK(start->metadata.window->first_frame == 3);
+  CHECK(start->metadata.window->capture_frames == 8);
+  CHECK(start->gaussians.size() == 220 + 4 * 12);  // static ones; moving ones of four frames
+  const auto [least, most] =
+      std::minmax_element(start->gaussians.time.begin(), start->gaussians.time.end());
+  CHECK(*least == Approx(0).margin(0.1));
+  CHECK(*most == Approx(3).margin(0.1));
+
+  CHECK(shown_part(whole, start->metadata, "x")->first_frame == whole.first_frame + 3);
+  PreparedCapture other = whole;
+  other.cameras[1].fx += 1;
+  CHECK(shown_part(other, start->metadata, "x").status().code() == StatusCode::kUsage);
+  for (const FrameSpan span : {FrameSpan{-1, 4}, {4, 4}, {5, 4}, {0, 9}}) {
+    CHECK(window_of(whole, span).status().code() == StatusCode::kUsage);
+  }
+}
+
+TEST_CASE("windows trained apart and merged are as good as one, also at the seams") {
+  const SyntheticCapture synthetic("windows_merge", 4, kFrames);
+  const PreparedCapture& whole = synthetic.capture;
+  const std::string folder = whole.folder + "/";
+  const auto spans = plan_windows(kFrames, 12, 4);
+  REQUIRE(spans.ok());
+  WriteSettings lossless;
+  std::vector<std::string> paths;
+  std::vector<std::vector<double>> alone;  // PSNR of each window by frame
+  const Scene one_window = trained(whole, 600);
+  for (const FrameSpan& span : *spans) {
+    const Result<PreparedCapture> window = window_of(whole, span);
+    REQUIRE(window.ok());
+    paths.push_back(folder + std::to_string(span.begin) + ".stgs");
+    const Scene scene = trained(*window, 600);
+    CHECK(std::equal(scene.metadata.background, scene.metadata.background + 3,
+                     one_window.metadata.background));
+    REQUIRE(write_scene(paths.back(), scene, lossless).ok());
+    alone.push_back(psnr_by_frame(paths.back(), *window));
+  }
+  REQUIRE(write_scene(folder + "one.stgs", one_window, lossless).ok());
+  const std::vector<double> one = psnr_by_frame(folder + "one.stgs", whole);
+
+  std::rotate(paths.begin(), paths.begin() + 1, paths.end());  // any order
+  PackReport report;
+  PackSettings settings;
+  settings.quality = 100;
+  const Status packed = pack(paths, folder + "merged.stgs", settings, &report);
+  INFO(packed.message());
+  REQUIRE(packed.ok());
+  REQUIRE(report.parts.size() == 3);
+  const double seams[] = {0, 9.5, 15.5, kFrames};
+  const std::vector<double> merged = psnr_by_frame(folder + "merged.stgs", whole);
+  for (std::size_t p = 0; p < 3; ++p) {
+    CHECK(report.parts[p].input == folder + std::to_string((*spans)[p].begin) + ".stgs");
+    CHECK(report.parts[p].begin_ticks == seams[p]);
+    CHECK(report.parts[p].end_ticks == seams[p + 1]);
+    // Each frame is the window's own, but for what packing loses: no density is seen twice.
+    for (int f = static_cast<int>(std::ceil(seams[p])); f < seams[p + 1]; ++f) {
+      const auto own = static_cast<std::size_t>(f - (*spans)[p].begin);
+      INFO("frame " << f << " of window " << p);
+      CHECK(merged[static_cast<std::size_t>(f)] == Approx(alone[p][own]).margin(0.1));
+    }
+  }
+  double worst = 100;
+  for (const std::size_t f : {9, 10, 15, 16}) worst = std::min(worst, merged[f]);
+  CAPTURE(mean_of(one), mean_of(merged), worst);
+  CHECK(mean_of(merged) > mean_of(one));
+  CHECK(worst > mean_of(merged) - 1.0);
+}
+
+TEST_CASE("what does not make one capture is not merged") {
+  const auto refused = [](std::vector<WindowScene> windows) {
+    const Status status = merge_windows(std::move(windows)).status();
+    CHECK(status.code() == StatusCode::kUsage);
+    return status.message();
+  };
+  const WindowScene a = window_scene("a", 0, 60), b = window_scene("b", 50, 50);
+  REQUIRE(merge_windows({b, a}).ok());
+  CHECK(merge_windows({a, b})->parts == std::vector<ScenePart>{{0, 54.5, 0}, {54.5, 100, 0}});
+  CHECK(merge_windows({window_scene("a", 0, 50), b})->parts[0].end_ticks == 49.5);
+  CHECK(refused({a}).find("two windows") != std::string::npos);
+  CHECK(refused({a, {"c", {}}}).find("c: is no window") == 0);
+  CHECK(refused({window_scene("a", 0, 40), b}) == "frames 40:50 are missing between a and b");
+  CHECK(refused({window_scene("a", 5, 60), b}) == "frames 0:5 are missing before a");
+  CHECK(refused({a, window_scene("b", 50, 45)}) == "frames 95:100 are missing after b");
+  CHECK(refused({a, b, window_scene("c", 60, 40)}).find("one window lies in the other") !=
+        std::string::npos);
+  CHECK(refused({a, a, b}).find("one window lies in the other") != std::string::npos);
+  WindowScene other = b;
+  other.scene.metadata.window->capture = 9;
+  CHECK(refused({a, other}) == "a and b: are windows of different captures");
+  other = b;
+  other.scene.metadata.window->training = 9;
+  CHECK(refused({a, other}).find("different settings") != std::string::npos);
+  other = b;
+  other.scene.gaussians.sh_degree = 2;
+  CHECK(refused({a, other}).find("harmonics of degree 0, b of degree 2") != std::string::npos);
+}

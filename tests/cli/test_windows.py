@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long captures: 'train' on windows of time, 'pack' that merges them."""
+import os
+import signal
+import subprocess
+
+import harness
+from harness import CliTest
+
+USAGE, INVALID, RUNTIME = 1, 3, 4
+
+
+class Windows(CliTest):
+    """The fixture's capture has six frames."""
+
+    def train(self, *more):
+        return ["train", self.fixture("prepared"), "--preset", "fast", "--iterations", "20",
+                "--max-primitives", "300", *more]
+
+    def test_all_windows_one_after_the_other_are_jobs_of_their_own(self):
+        windows = ["--window", "3", "--overlap", "1"]
+        report = self.json_of(*self.train("-o", "parts", *windows, "--report", "pages"))
+        names = ["000000-000003", "000002-000005", "000003-000006"]
+        self.assertEqual([row["output"] for row in report["windows"]],
+                         [f"parts/{name}.stgs" for name in names])
+        self.assertEqual([(row["first_frame"], row["frames"]) for row in report["windows"]],
+                         [(0, 3), (2, 3), (3, 3)])
+        self.assertEqual(sorted(os.listdir(self.path("parts"))),
+                         [f"{name}.stgs" for name in names])
+        for name in names:
+            self.assertIn("index.html", os.listdir(self.path(f"pages/{name}")))
+            self.assertIn("training.jsonl", os.listdir(self.path(f"pages/{name}")))
+        info = self.json_of("info", "parts/000002-000005.stgs")
+        self.assertEqual(info["window"], {"first_frame": 2, "capture_frames": 6})
+        self.assertEqual(info["frames"], 3)
+        # The same as a job of an array, and as frames by hand.
+        self.json_of(*self.train("-o", "array", *windows, "--part", "1"))
+        self.assertEqual(os.listdir(self.path("array")), ["000002-000005.stgs"])
+        self.succeeds(*self.train("-o", "hand.stgs", "--frames", "2:5"))
+        for other in ("array/000002-000005.stgs", "hand.stgs"):
+            self.assertEqual(self.read(other), self.read("parts/000002-000005.stgs"))
+        # Finished windows are kept; one that is gone comes back the same.
+        before = self.read("parts/000003-000006.stgs")
+        os.remove(self.path("parts/000003-000006.stgs"))
+        again = self.json_of(*self.train("-o", "parts", *windows))
+        self.assertEqual([row["training"] is None for row in again["windows"]],
+                         [True, True, False])
+        self.assertEqual(self.read("parts/000003-000006.stgs"), before)
+        self.fails(USAGE, "000000-000003.stgs: is of another capture or was trained with other",
+                   *self.train("-o", "parts", *windows, "--seed", "9"))
+
+    def test_a_window_is_measured_and_drawn_at_its_own_frames(self):
+        self.succeeds(*self.train("-o", "part.stgs", "--frames", "4:6"))
+        prepared = self.fixture("prepared")
+        report = self.json_of("evaluate", "part.stgs", "--against", prepared)
+        self.assertEqual(report["views"][0]["frames"], 2)
+        self.succeeds("render", "part.stgs", "--cameras", prepared, "--frames", "0:1", "--beside",
+                      "-o", "beside.png")
+        self.fails(USAGE, "between|missing|out of range",
+                   *self.train("-o", "x.stgs", "--frames", "4:9"))
+
+    def test_windows_are_merged_in_any_order(self):
+        self.json_of(*self.train("-o", "parts", "--window", "4", "--overlap", "2"))
+        first, second = "parts/000000-000004.stgs", "parts/000002-000006.stgs"
+        report = self.json_of("pack", second, first, "-o", "whole.stgs")
+        self.assertEqual([(part["input"], part["begin_frame"], part["end_frame"])
+                          for part in report["parts"]], [(first, 0, 2.5), (second, 2.5, 6)])
+        self.assertEqual(report["inputs"], [second, first])
+        info = self.json_of("info", "whole.stgs", "--lifespans")
+        self.assertEqual(info["frames"], 6)
+        self.assertIsNone(info["window"])
+        self.assertEqual(len(info["parts"]), 2)
+        self.assertEqual(sum(part["primitives"] for part in info["parts"]), report["primitives"])
+        self.assertGreater(info["motion"]["static"]["primitives"], 0)
+        self.assertIn("part             0.000 s", self.succeeds("info", "whole.stgs").stdout.decode())
+        self.json_of("validate", "whole.stgs")
+        prepared = self.fixture("prepared")
+        scores = self.json_of("evaluate", "whole.stgs", "--against", prepared)
+        self.assertEqual(scores["views"][0]["frames"], 6)
+        halves = [self.json_of("evaluate", part, "--against", prepared) for part in (first, second)]
+        self.assertGreater(scores["psnr"], min(half["psnr"] for half in halves) - 0.5)
+
+    def test_what_is_refused(self):
+        self.json_of(*self.train("-o", "parts", "--window", "2"))
+        parts = [f"parts/{name}.stgs" for name in ("000000-000002", "000002-000004",
+                                                   "000004-000006")]
+        self.succeeds(*self.train("-o", "other.stgs", "--frames", "2:4", "--seed", "5"))
+        self.succeeds(*self.train("-o", "whole.stgs"))
+        cases = [
+            (USAGE, "frames 2:4 are missing between", [parts[0], parts[2]]),
+            (USAGE, "frames 4:6 are missing after", [parts[0], parts[1]]),
+            (USAGE, "frames 0:2 are missing before", [parts[2], parts[1]]),
+            (USAGE, "one window lies in the other", [parts[0], parts[0], parts[1]]),
+            (USAGE, "were trained with different settings", [parts[0], "other.stgs", parts[2]]),
+            (USAGE, "whole.stgs: is no window of a capture", [parts[0], "whole.stgs"]),
+            (USAGE, "which packing would lose", [*parts, "-o", parts[1]]),
+        ]
+        for code, message, inputs in cases:
+            with self.subTest(message=message):
+                output = [] if "-o" in inputs else ["-o", "merged.stgs"]
+                self.fails(code, message, "pack", *inputs, *output)
+        for message, options in [
+                ("a window must be longer", ["--window", "2", "--overlap", "2"]),
+                ("--part 3: there are 3 windows, 0 to 2", ["--window", "2", "--part", "3"]),
+                ("--overlap requires --window", ["--overlap", "1"]),
+                ("excludes", ["--window", "2", "--frames", "0:2"]),
+                ("are for one run", ["--window", "2", "--checkpoint", "c.ckpt"]),
+                ("are for one run", ["--window", "2", "--log", "l.jsonl"])]:
+            with self.subTest(message=message):
+                self.fails(USAGE, message, *self.train("-o", "refused", *options))
+        os.mkdir(self.path("folder"))
+        self.write("folder/000000-000002.stgs", b"rubbish" * 100)
+        self.fails(INVALID, "not an .stgs file", *self.train("-o", "folder", "--window", "2"))
+
+    def test_a_stopped_window_goes_on_from_its_checkpoint(self):
+        command = ["train", self.fixture("prepared"), "--preset", "fast", "--max-primitives", "300",
+                   "--iterations", "1500", "--window", "3"]
+        self.succeeds(*command, "-o", "straight")
+        with subprocess.Popen([harness.STGS, *command, "-o", "stopped", "--progress", "json"],
+                              cwd=self.work, stderr=subprocess.PIPE) as process:
+            for line in process.stderr:
+                first_done = os.path.exists(self.path("stopped/000000-000003.stgs"))
+                if first_done and b'"train"' in line and b'"done":0.' in line:
+                    break
+            process.send_signal(signal.SIGINT)
+            error = process.stderr.read().decode()
+        self.assertEqual(process.returncode, RUNTIME, error)
+        self.assertIn("000003-000006.stgs: stopped; the same command goes on", error)
+        self.assertEqual(sorted(os.listdir(self.path("stopped"))),
+                         ["000000-000003.stgs", "000003-000006.stgs.ckpt"])
+        self.succeeds(*command, "-o", "stopped")
+        for name in ("000000-000003.stgs", "000003-000006.stgs"):
+            self.assertEqual(self.read(f"stopped/{name}"), self.read(f"straight/{name}"))
+        self.assertEqual(len(os.listdir(self.path("stopped"))), 2)

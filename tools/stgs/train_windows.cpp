@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train_windows.h"
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <limits>
+
+#include "encode_options.h"
+#include "options.h"
+#include "output_place.h"
+
+namespace stgs::tools {
+namespace {
+
+// Whether the window has been trained, the same way; the error tells of another file in its place.
+Result<bool> is_there(const std::string& path, const encoder::PreparedCapture& window,
+                      const encoder::TrainSettings& settings) {
+  if (!std::filesystem::exists(path)) return false;
+  STGS_ASSIGN(const auto reader, SceneReader::open(path));
+  CaptureWindow wanted = *window.window;
+  wanted.training = encoder::settings_id(settings);
+  if (reader->metadata().window == wanted &&
+      static_cast<int>(reader->metadata().frames) == window.frames) {
+    return true;
+  }
+  return usage_error(
+      "{}: is of another capture or was trained with other settings; remove it or name another "
+      "folder",
+      path);
+}
+
+// Trains one window, from its checkpoint where there is one, which it then removes.
+Status train_window(const encoder::PreparedCapture& window, const std::string& path,
+                    const std::string& report_folder, encoder::TrainSettings settings,
+                    Session& session, encoder::TrainReport& report) {
+  settings.checkpoint = path + ".ckpt";
+  settings.checkpoint_interval = std::numeric_limits<int>::max();
+  if (std::filesystem::exists(settings.checkpoint)) settings.resume = settings.checkpoint;
+  if (!report_folder.empty()) settings.log_path = report_folder + "/training.jsonl";
+  const Status trained = train_to_file(window, path, report_folder, settings, session, report);
+  if (!trained.ok() && interrupted() && std::filesystem::exists(settings.checkpoint)) {
+    return runtime_error("{}: stopped; the same command goes on from its checkpoint", path);
+  }
+  STGS_TRY(trained);
+  std::error_code ignored;
+  std::filesystem::remove(settings.checkpoint, ignored);
+  return {};
+}
+
+}  // namespace
+
+void WindowOptions::declare(CLI::App& app) {
+  const char* group = "Long captures";
+  auto* frames = app.add_option("--frames", frames_,
+                                "Train on frames FIRST:END alone, as one window of the capture")
+                     ->group(group);
+  auto* window = app.add_option("--window", length_,
+                                "Train windows of so many frames, one after the other; --output is "
+                                "a folder for them, and those that are in it are kept")
+                     ->check(number_between(1, 1e8))
+                     ->excludes(frames)
+                     ->group(group);
+  app.add_option("--overlap", overlap_, "Frames that a window shares with the next")
+      ->check(number_between(0, 1e8))
+      ->capture_default_str()
+      ->needs(window)
+      ->group(group);
+  app.add_option("--part", part_, "Only window N of --window, from 0: for a job of an array")
+      ->check(number_between(0, 1e8))
+      ->needs(window)
+      ->group(group);
+}
+
+Result<encoder::PreparedCapture> WindowOptions::capture(const std::string& folder) const {
+  STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
+  if (frames_.empty()) return capture;
+  STGS_ASSIGN(const FrameRange range, parse_frames(frames_, capture.frames));
+  return encoder::window_of(capture, {range.begin, range.end});
+}
+
+Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
+    const encoder::PreparedCapture& capture) const {
+  STGS_ASSIGN(auto spans, encoder::plan_windows(capture.frames, length_, overlap_));
+  if (part_ < 0) return spans;
+  if (static_cast<std::size_t>(part_) >= spans.size()) {
+    return usage_error("--part {}: there are {} windows, 0 to {}", part_, spans.size(),
+                       spans.size() - 1);
+  }
+  return std::vector<encoder::FrameSpan>{spans[static_cast<std::size_t>(part_)]};
+}
+
+Status train_windows(const encoder::PreparedCapture& capture,
+                     const std::vector<encoder::FrameSpan>& spans, const std::string& folder,
+                     const std::string& report_folder, const encoder::TrainSettings& settings,
+                     Session& session) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) return io_error("{}: cannot create: {}", folder, error.message());
+  Json windows = Json::array();
+  std::string text;
+  for (const encoder::FrameSpan& span : spans) {
+    const std::string name = fmt::format("{:06}-{:06}", span.begin, span.end);
+    const std::string path = fmt::format("{}/{}.stgs", folder, name);
+    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
+    STGS_ASSIGN(const bool kept, is_there(path, window, settings));
+    Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};
+    row["training"] = nullptr;
+    if (kept) {
+      text += fmt::format("{}: is there already\n", path);
+    } else {
+      session.log(2, fmt::format("window {} of {}: frames {}:{}", windows.size() + 1, spans.size(),
+                                 span.begin, span.end));
+      const std::string page = report_folder.empty() ? "" : report_folder + "/" + name;
+      encoder::TrainReport report;
+      STGS_TRY(train_window(window, path, page, settings, session, report));
+      row["training"] = to_json(report);
+      text += fmt::format("{}: {} primitives, {} steps in {:.1f} s, loss {:.5f}\n", path,
+                          report.primitives, report.iterations, report.seconds, report.final_loss);
+    }
+    windows.push_back(std::move(row));
+  }
+  return session.emit({{"output", folder}, {"windows", windows}, {"peak_memory", peak_memory()}},
+                      text);
+}
+
+}  // namespace stgs::tools
