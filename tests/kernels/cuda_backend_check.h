@@ -41,4 +41,30 @@ inline void check(const Status& status) {
   REQUIRE(status.ok());
 }
 
+// Densifies two equal states, one on the CPU and one on the GPU, which must decide alike; what they
+// did.
+inline encoder::DensifyCounts densify_alike(encoder::TrainState& cpu, encoder::TrainState& gpu,
+                                            const encoder::DensifyInput& input) {
+  const auto reference = encoder::make_cpu_backend();
+  check(reference->begin(cpu));
+  const Result<encoder::DensifyCounts> expected = reference->densify(input);
+  check(expected.status());
+  check(cuda_backend().begin(gpu));
+  const Result<encoder::DensifyCounts> found = cuda_backend().densify(input);
+  check(found.status());
+  check(cuda_backend().synchronise());
+  CHECK(found->broken == expected->broken);
+  CHECK(found->cloned == expected->cloned);
+  CHECK(found->split == expected->split);
+  CHECK(found->removed == expected->removed);
+  CHECK(found->replaced == expected->replaced);
+  CHECK(expected->cloned + expected->split + expected->replaced > 100);
+  REQUIRE(gpu.size() == cpu.size());
+  CHECK(cuda_backend().size() == cpu.size());
+  CHECK(gpu.updates == cpu.updates);
+  CHECK(gpu.statistics.views == cpu.statistics.views);
+  CHECK(gpu.statistics.error_max == cpu.statistics.error_max);
+  return *expected;
+}
+
 }  // namespace stgs::testing

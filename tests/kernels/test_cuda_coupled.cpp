@@ -111,23 +111,8 @@ TEST_CASE("densification of the coupled form makes the CPU's decisions") {
     cpu.iteration = 700;
     TrainState gpu = cpu;
     const DensifyInput input{&parameters, {2.0f, false, false, 11}, refining, false};
-    const auto reference = make_cpu_backend();
-    check(reference->begin(cpu));
-    const Result<DensifyCounts> expected = reference->densify(input);
-    check(expected.status());
-    check(cuda_backend().begin(gpu));
-    const Result<DensifyCounts> found = cuda_backend().densify(input);
-    check(found.status());
-    check(cuda_backend().synchronise());
     INFO((refining ? "replace" : "grow"));
-    CHECK(expected->cloned + expected->split + expected->replaced > 100);
-    CHECK(found->broken == expected->broken);
-    CHECK(found->cloned == expected->cloned);
-    CHECK(found->split == expected->split);
-    CHECK(found->removed == expected->removed);
-    CHECK(found->replaced == expected->replaced);
-    REQUIRE(gpu.size() == cpu.size());
-    CHECK(gpu.updates == cpu.updates);
+    densify_alike(cpu, gpu, input);
     // replace() leaves what is broken where there is nothing to put in its place.
     if (refining) continue;
     for (int a : {kLogScale, kRotation, kOpacity, kVelocity, kLogSigma}) {
