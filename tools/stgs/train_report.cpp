@@ -119,12 +119,15 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
                     : "No camera was held out: training cameras, render and truth");
   SplatFrame frame;
   RasterOutput output;
+  RasterSettings settings;
+  const float* background = input.scene.metadata.background;
+  settings.background = {background[0], background[1], background[2]};
   for (const encoder::SampledView& view : views) {
     const encoder::Camera& camera = input.capture.cameras[view.camera];
     STGS_ASSIGN(const encoder::Image8 truth,
                 encoder::load_frame(input.capture, camera, view.frame));
     render(input.scene.gaussians, static_cast<float>(view.frame),
-           camera.pinhole(input.capture.near_plane), {}, frame, output);
+           camera.pinhole(input.capture.near_plane), settings, frame, output);
     for (float& v : output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
     const double psnr =
         encoder::psnr_of(encoder::mean_squared_error(output.colour, encoder::to_float(truth)));
