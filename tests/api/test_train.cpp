@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include <tbb/global_control.h>
+#include "../kernels/thread_ranks.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
 #include "synthetic_capture.h"
@@ -32,6 +33,32 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
   CHECK(after > 24.0);
   CHECK(scene->gaussians.size() <= 600);
   CHECK(scene->metadata.frames == 6);
+}
+
+TEST_CASE("two ranks recover a held-out view as one does, with as many views") {
+  const SyntheticCapture synthetic("train_ranks");
+  const Result<Scene> alone = run(synthetic, short_run(1200));
+  REQUIRE(alone.ok());
+  std::vector<Scene> scenes(2);
+  std::vector<int> processes(2);
+  std::vector<std::string> logged(2);
+  stgs::testing::on_ranks(2, [&](Ranks& ranks) {
+    const auto r = static_cast<std::size_t>(ranks.rank());
+    TrainSettings settings = short_run(1200);
+    settings.ranks = &ranks;
+    TrainReport report;
+    const auto log = [&](int, const std::string& line) { logged[r] += line + "\n"; };
+    Result<Scene> scene = train(synthetic.capture, settings, nullptr, log, &report);
+    processes[r] = report.processes;
+    if (scene.ok()) scenes[r] = std::move(*scene);
+  });
+  CAPTURE(logged[0], logged[1]);
+  REQUIRE(processes == std::vector<int>{2, 2});
+  CHECK(same(scenes[0].gaussians, scenes[1].gaussians));
+  const double one = held_out_psnr(synthetic, *alone);
+  const double two = held_out_psnr(synthetic, scenes[0]);
+  CAPTURE(one, two);
+  CHECK(two > one - 0.5);
 }
 
 TEST_CASE("a run that was interrupted and resumed ends with the same bits") {

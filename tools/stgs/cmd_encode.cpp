@@ -31,11 +31,17 @@ class Encode final : public Command {
   }
 
   Status run(Session& session) override {
+    if (const encoder::Launch launch = encoder::launch_of_environment(); launch.size > 1) {
+      return usage_error(
+          "{} has started {} processes, and encode runs as one: run 'stgs prepare', then 'stgs "
+          "train' with them, then 'stgs pack'",
+          launch.starter, launch.size);
+    }
     const auto kept = [this](const char* name) {
       return NamedPlace{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
     STGS_ASSIGN(const auto training,
-                train_.settings(session.options,
+                train_.settings(session,
                                 {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")}));
     STGS_TRY(check_can_write(output_));
     // Before the long prepare; again when it knows how large the pictures are.

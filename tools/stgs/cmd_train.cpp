@@ -18,11 +18,14 @@ class Train final : public Command {
         "Optimises the primitives against the training cameras and writes a lossless .stgs\n"
         "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
         "for, is written, the scene is not. The same seed gives the same scene on the same kind\n"
-        "of processor, without --max-seconds. Held-out measures do not change the scene.",
+        "of processor, without --max-seconds. Held-out measures do not change the scene. Started\n"
+        "by mpirun or srun as R processes, it takes R views a step, R times fewer steps, and the\n"
+        "first process alone writes; --iterations counts views, so the same number is seen.",
         "  stgs train prepared/ -o scene.stgs --preset fast --report report/\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt\n"
-        "  stgs train prepared/ -o parts/ --window 300 --overlap 30"};
+        "  stgs train prepared/ -o parts/ --window 300 --overlap 30\n"
+        "  mpirun -np 2 --bind-to none stgs train prepared/ -o scene.stgs"};
   }
   Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
@@ -37,12 +40,19 @@ class Train final : public Command {
     if (list_) return list(session);
     if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
     if (output_.empty()) return usage_error("--output, the file to make, is required");
-    STGS_ASSIGN(const auto settings, options_.settings(session.options, {{"--output", output_}}));
+    STGS_TRY(session.join_world());
+    if (session.world() != nullptr && windows_.several()) {
+      return usage_error(
+          "--window trains one window after the other in one process; with several processes train "
+          "each window with --frames A:B");
+    }
+    STGS_ASSIGN(const auto settings, options_.settings(session, {{"--output", output_}}));
     STGS_ASSIGN(const auto capture, windows_.capture(folder_));
     if (windows_.several()) return train_all(capture, settings, session);
-    STGS_TRY(check_can_write(output_));
+    if (session.is_first()) STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
     STGS_TRY(train_to_file(capture, output_, options_.report(), settings, session, report));
+    if (!session.is_first()) return {};
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
                                      ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
@@ -55,10 +65,12 @@ class Train final : public Command {
     json["peak_memory"] = report.peak_memory;
     return session.emit(
         json,
-        fmt::format("{}: {} primitives, {}, {} steps in {:.1f} s, loss {:.5f}{}, peak memory "
-                    "{}\n",
-                    output_, report.primitives, human_bytes(bytes), report.iterations,
-                    report.seconds, report.final_loss, held_out, human_bytes(report.peak_memory)));
+        fmt::format(
+            "{}: {} primitives, {}, {} {} in {:.1f} s, loss {:.5f}{}, peak memory "
+            "{}\n",
+            output_, report.primitives, human_bytes(bytes), report.iterations,
+            report.processes > 1 ? fmt::format("views by {} processes", report.processes) : "steps",
+            report.seconds, report.final_loss, held_out, human_bytes(report.peak_memory)));
   }
 
  private:

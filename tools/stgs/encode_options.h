@@ -45,7 +45,8 @@ class TrainOptions {
   }
   void declare(CLI::App& app);
   // `written`: what the verb writes beside what these options name; kUsage where two are one.
-  Result<encoder::TrainSettings> settings(const CommonOptions& common,
+  // Checks that files can be written where this process is the one that writes.
+  Result<encoder::TrainSettings> settings(const Session& session,
                                           std::vector<NamedPlace> written) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }

@@ -161,10 +161,7 @@ int run_verb(Command& command, Session& session) {
   set_up_opencv(session.options);
   Status status = session.start();
   if (status.ok()) status = command.run(session);
-  if (status.ok()) return 0;
-  if (interrupted()) status = runtime_error("interrupted: {}", status.message());
-  session.log(0, status.message());
-  return static_cast<int>(status.code());
+  return session.conclude(status);
 }
 
 }  // namespace
@@ -180,6 +177,10 @@ std::string version_text() {
 #ifdef STGS_HAS_CUDNN
   parts += " cudnn";
 #endif
+#ifdef STGS_HAS_NCCL
+  parts += " nccl";
+#endif
+  if (encoder::World::is_built()) parts += " mpi";
   return fmt::format(
       "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
       STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),

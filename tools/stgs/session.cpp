@@ -64,6 +64,24 @@ Status Session::start() {
   return {};
 }
 
+Status Session::join_world() {
+  STGS_ASSIGN(world_, encoder::World::join());
+  silent_ = !is_first();
+  return {};
+}
+
+int Session::conclude(Status status) {
+  if (world_ != nullptr) {
+    const encoder::World::Conclusion conclusion = world_->conclude(status);
+    status = conclusion.status;
+    silent_ = !conclusion.tell;
+  }
+  if (!status.ok() && interrupted()) status = runtime_error("interrupted: {}", status.message());
+  if (!status.ok()) log(0, status.message());
+  if (world_ != nullptr) world_->finish();
+  return static_cast<int>(status.code());
+}
+
 Status Session::emit(const Json& json, const std::string& text) const {
   const std::string out = this->json() ? json_text(json, 1) + "\n" : text;
   errno = 0;
@@ -81,7 +99,7 @@ void Session::emit_aside(const Json& json, const std::string& text) const {
 
 void Session::log(int level, const std::string& line) {
   static constexpr const char* kNames[] = {"error: ", "warning: ", "", "debug: "};
-  if (level > level_of(options.log_level)) return;
+  if (silent_ || level > level_of(options.log_level)) return;
   clear_bar();
   const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], line);
   std::fwrite(out.data(), 1, out.size(), stderr);
@@ -108,6 +126,7 @@ bool Session::progress(const std::string& stage, std::size_t done, std::size_t t
 }
 
 void Session::show(const encoder::Progress& progress) {
+  if (silent_) return;
   const bool json_lines = options.progress == "json";
   const bool bar =
       options.progress == "bar" || (options.progress == "auto" && ::isatty(STDERR_FILENO) != 0);

@@ -4,10 +4,12 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/ranks.h"
 #include "stgs/format/status.h"
 
 namespace stgs::tools {
@@ -34,6 +36,16 @@ class Session {
   // Applies --threads; call once, before any work. The limit lasts as long as the session.
   Status start();
 
+  // Joins the other processes where mpirun or srun has started several; all but the first are
+  // silent from then on.
+  Status join_world();
+  // Null where this process is alone.
+  encoder::Ranks* world() const { return world_.get(); }
+  bool is_first() const { return world_ == nullptr || world_->rank() == 0; }
+  // The end of the verb's work: what all processes have come to, told by one of them. Returns the
+  // exit code.
+  int conclude(Status status);
+
   bool json() const { return options.format == "json"; }
   // Prints the result, as JSON or text, to standard output.
   Status emit(const Json& json, const std::string& text) const;
@@ -52,6 +64,8 @@ class Session {
   void show(const encoder::Progress& progress);
   void clear_bar();
 
+  std::unique_ptr<encoder::World> world_;
+  bool silent_ = false;
   std::shared_ptr<void> thread_limit_;
   bool bar_shown_ = false;
   double last_shown_ = -1;  // seconds of the monotonic clock

@@ -16,7 +16,8 @@ void TrainOptions::declare(CLI::App& app) {
       ->check(CLI::IsMember({"fast", "default", "best"}))
       ->capture_default_str()
       ->group(group);
-  app.add_option("--iterations", iterations_, "Steps; else the preset's")
+  app.add_option("--iterations", iterations_,
+                 "Views to learn from, one a step and process; else the preset's")
       ->check(number_between(1, 1e8))
       ->group(group);
   app.add_option("--max-primitives", max_primitives_, "Primitives at most; else the preset's")
@@ -80,8 +81,9 @@ Status TrainOptions::check_places(const std::string& log_path,
   return check_distinct(places);
 }
 
-Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& common,
+Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
                                                       std::vector<NamedPlace> written) const {
+  const CommonOptions& common = session.options;
   encoder::TrainSettings settings;
   settings.backend = common.backend;
   settings.preset = preset_;
@@ -120,14 +122,14 @@ Result<encoder::TrainSettings> TrainOptions::settings(const CommonOptions& commo
     }
     settings.overrides.emplace_back(key, text.substr(equals + 1));
   }
+  if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";
+  settings.ranks = session.world();
+  STGS_TRY(check_places(settings.log_path, std::move(written)));
+  if (!session.is_first()) return settings;
   for (const std::string* path : {&checkpoint_, &log_}) {
     if (!path->empty()) STGS_TRY(check_can_write(*path));
   }
-  if (!report_.empty()) {
-    STGS_TRY(check_can_make_folder(report_));
-    if (log_.empty()) settings.log_path = report_ + "/training.jsonl";
-  }
-  STGS_TRY(check_places(settings.log_path, std::move(written)));
+  if (!report_.empty()) STGS_TRY(check_can_make_folder(report_));
   return settings;
 }
 
@@ -160,24 +162,26 @@ Json to_json(const encoder::TrainReport& report) {
             {"waits", report.frames.waits},
             {"wait_seconds", report.frames.wait_seconds}}},
           {"held_out", report.held_out ? to_json(*report.held_out) : Json(nullptr)},
-          {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)}};
+          {"perceptual", report.perceptual ? to_json(*report.perceptual) : Json(nullptr)},
+          {"processes", report.processes}};
 }
 
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
                      Session& session, encoder::TrainReport& report) {
-  if (!settings.checkpoint.empty()) {
+  if (!settings.checkpoint.empty() && session.is_first()) {
     for (const std::string& file : remove_stale_files(settings.checkpoint)) {
       session.log(2, fmt::format("{}: removed, a killed training had left it", file));
     }
   }
-  if (!report_folder.empty()) {
+  if (!report_folder.empty() && session.is_first()) {
     std::error_code error;
     std::filesystem::create_directories(report_folder, error);
     if (error) return io_error("{}: cannot create: {}", report_folder, error.message());
   }
   STGS_ASSIGN(const Scene scene, encoder::train(capture, settings, session.progress_sink(),
                                                 session.log_sink(), &report));
+  if (!session.is_first()) return {};
   WriteSettings writing;
   writing.profile = Profile::kLossless;
   STGS_TRY(write_scene(output, scene, writing));

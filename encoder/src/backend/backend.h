@@ -13,6 +13,8 @@
 #include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/ranks.h"
+#include "train/adam.h"
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
 #include "train/picture.h"
@@ -20,6 +22,13 @@
 #include "train/train_state.h"
 
 namespace stgs::encoder {
+
+// What every rank knows of the view of each.
+struct BatchView {
+  math::Vec3 centre;  // of the camera, in the world
+  float ticks = 0;
+  std::size_t colour_index = 0;
+};
 
 struct StepInput {
   math::PinholeCamera camera;
@@ -37,12 +46,15 @@ struct StepInput {
   bool gather_statistics = false;          // for densification
   std::array<float, kAttributes> rates{};  // learning rates; kSh: of the harmonics above degree 0
   float rate_sh0 = 0;
+  AdamBetas betas;  // of the primitives; others than Adam's own only where there is a batch
   float rate_colour = 0;
   float weight_l1 = 0, weight_ssim = 0;
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
   float weight_normal = 0;      // 0: L_n is off, and costs nothing; no coupled state has it
   float weight_perceptual = 0;  // > 0 only where the plan has a network
   Patch patch;                  // what the perceptual loss looks at
+  // Where several ranks take the step together, the views of all in their order; this is one.
+  std::vector<BatchView> batch;
 };
 
 struct StepOutput {
@@ -71,10 +83,15 @@ struct TrainPlan {
   int perceptual_patch = 0;  // pixels a side of its patches; 0: whole pictures
 };
 
-// One thread calls it; it uses many. The state is the backend's between begin and synchronise.
+// One thread calls it; it uses many. Several ranks make the same calls with the same values, but
+// for the view of a step: then a step is one of Adam with the mean gradient of all views, for the
+// primitives that any of them sees, and all states stay the same to the bit. The state is the
+// backend's between begin and synchronise.
 class TrainBackend {
  public:
   virtual ~TrainBackend() = default;
+  // Takes steps together with other ranks (not owned) from now on; before all else, by all of them.
+  virtual Status join(Ranks& ranks) = 0;
   // Whether steps can have a perceptual loss here; else what to do.
   virtual Status check_perceptual() const = 0;
   // Refuses a run that does not fit in memory, and what it cannot train: what it needs, what there
@@ -90,7 +107,8 @@ class TrainBackend {
   virtual Result<DensifyCounts> densify(const DensifyInput& input) = 0;
   // Primitives that there are now.
   virtual std::size_t size() const = 0;
-  // What the steps since the last read() gave, in their order; waits for them.
+  // What the views of the steps since the last read() gave, in the order of the steps, within a
+  // step in that of the ranks; waits for them.
   virtual Result<std::vector<StepOutput>> read() = 0;
   // After this the state holds everything that the steps have done.
   virtual Status synchronise() = 0;
@@ -98,12 +116,14 @@ class TrainBackend {
 };
 
 std::unique_ptr<TrainBackend> make_cpu_backend();
-// The first GPU; kUnsupported where there is none, kNotBuilt in a build without CUDA. The error
-// says why, not what to do instead.
-Result<std::unique_ptr<TrainBackend>> make_cuda_backend();
+// GPU number `gpu` modulo how many there are; kUnsupported where there is none, kNotBuilt in a
+// build without CUDA. The error says why, not what to do instead.
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int gpu = 0);
 // "cpu", "cuda", or "auto": CUDA where this build and machine have it, else the CPU, and `log` is
-// told why.
+// told why. `ranks` (not owned, outlives the backend; null: this process trains alone) make one
+// each, of one kind, and are joined.
 Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name,
-                                                   const LogSink& log = nullptr);
+                                                   const LogSink& log = nullptr,
+                                                   Ranks* ranks = nullptr);
 
 }  // namespace stgs::encoder

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/backend.h"
 #include "stgs/encoder/train.h"
+#include "train/lockstep.h"
 
 namespace stgs::encoder {
 
 #if !STGS_HAS_CUDA
-Result<std::unique_ptr<TrainBackend>> make_cuda_backend() {
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int) {
   return not_built("backend 'cuda' cannot train in this build, which has no CUDA");
 }
 #endif
@@ -18,12 +19,15 @@ std::vector<std::string> train_backends() {
 #endif
 }
 
-Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, const LogSink& log) {
+namespace {
+
+Result<std::unique_ptr<TrainBackend>> make_one(const std::string& name, const LogSink& log,
+                                               int gpu) {
   if (name == "cpu") return make_cpu_backend();
   if (name != "cuda" && name != "auto") {
     return not_built("backend '{}' cannot train in this build; use --backend cpu", name);
   }
-  Result<std::unique_ptr<TrainBackend>> cuda = make_cuda_backend();
+  Result<std::unique_ptr<TrainBackend>> cuda = make_cuda_backend(gpu);
   if (cuda.ok()) return cuda;
   const StatusCode code = cuda.status().code();
   const std::string& reason = cuda.status().message();
@@ -31,6 +35,19 @@ Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, cons
   if (name == "cuda") return Status(code, reason + "; use --backend cpu");
   if (log) log(2, fmt::format("no CUDA: {}", reason));
   return make_cpu_backend();
+}
+
+}  // namespace
+
+Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, const LogSink& log,
+                                                   Ranks* ranks) {
+  if (ranks == nullptr) return make_one(name, log, 0);
+  STGS_ASSIGN(std::unique_ptr<TrainBackend> backend, make_one(name, log, ranks->node_rank()));
+  // Of CPUs the kind does not matter: what they add up comes from one of them.
+  const std::string kind = backend->name().rfind("cpu", 0) == 0 ? "cpu" : backend->name();
+  STGS_TRY(Lockstep(ranks).same_text(kind, "backend or kind of GPU"));
+  STGS_TRY(backend->join(*ranks));
+  return backend;
 }
 
 }  // namespace stgs::encoder

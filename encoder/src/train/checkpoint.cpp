@@ -35,6 +35,25 @@ class Writer {
   std::vector<std::uint8_t> bytes;
 };
 
+class Hasher {
+ public:
+  template <typename T>
+  void value(const T& v) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    add(&v, sizeof(T));
+  }
+  template <typename Container>
+  void array(const Container& v) {
+    add(v.data(), v.size() * sizeof(typename Container::value_type));
+  }
+  std::uint64_t hash() const { return hash_; }
+
+ private:
+  void add(const void* bytes, std::size_t n) { hash_ = XXH3_64bits_withSeed(bytes, n, hash_); }
+
+  std::uint64_t hash_ = 0;
+};
+
 class Reader {
  public:
   explicit Reader(std::span<const std::uint8_t> bytes) : left_(bytes) {}
@@ -137,6 +156,12 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
   visit_state(state, writer);
   writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
   return write_file_atomically(path, writer.bytes);
+}
+
+std::uint64_t state_hash(const TrainState& state) {
+  Hasher hasher;
+  visit_state(state, hasher);
+  return hasher.hash();
 }
 
 Result<Checkpoint> read_checkpoint(const std::string& path) {

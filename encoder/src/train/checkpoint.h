@@ -3,6 +3,7 @@
 // from one is bit-identical to training that was never interrupted.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "stgs/format/status.h"
@@ -22,5 +23,8 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
 
 // Refuses damage (kInvalidFile). Whether it belongs to the run, check_same_run says.
 Result<Checkpoint> read_checkpoint(const std::string& path);
+
+// Of all that a checkpoint holds of the state.
+std::uint64_t state_hash(const TrainState& state);
 
 }  // namespace stgs::encoder

@@ -74,7 +74,8 @@ Status check_same_run(const std::string& path, const Fingerprint& found, const F
   std::size_t count = 0;
   for (const auto& [name, value] : now) {
     const std::string* before = find(found, name);
-    if (name == kBackendEntry || (before != nullptr && *before == value)) continue;
+    if (name == kBackendEntry || name == kProcessesEntry) continue;
+    if (before != nullptr && *before == value) continue;
     if (++count > kDifferencesShown) continue;
     list +=
         fmt::format("\n  {}: {}, now {}", name, before == nullptr ? "not there" : *before, value);

@@ -19,6 +19,8 @@ using Fingerprint = std::vector<std::pair<std::string, std::string>>;
 // The entry of what trains. Another backend goes on to a scene as good, not to the same bits, so it
 // is told of and not refused.
 inline constexpr const char* kBackendEntry = "backend";
+// The same of the number of processes that train together.
+inline constexpr const char* kProcessesEntry = "processes";
 
 // The part that is known before the capture is.
 Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSettings& settings);
@@ -33,7 +35,8 @@ Result<Fingerprint> read_fingerprint(const std::string& text);
 std::string value_of(const Fingerprint& fingerprint, const std::string& name);
 
 // kUsage where an entry of `now` is another in `found`, or is not there: names them, with both
-// values. kBackendEntry does not count. `path`, the checkpoint's, is for the message.
+// values. kBackendEntry and kProcessesEntry do not count. `path`, the checkpoint's, is for the
+// message.
 Status check_same_run(const std::string& path, const Fingerprint& found, const Fingerprint& now);
 
 }  // namespace stgs::encoder

@@ -33,6 +33,8 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("lr_sigma", p.lr_sigma);
   visit("lr_radius", p.lr_radius);
   visit("lr_colour", p.lr_colour);
+  visit("batch_rate", p.batch_rate);
+  visit("batch_memory", p.batch_memory);
   visit("sh_degree", p.sh_degree);
   visit("sh_step", p.sh_step);
   visit("coarse_until", p.coarse_until);

@@ -39,6 +39,10 @@ struct HyperParameters {
   double lr_sigma = 5e-3;   // of log sigma
   double lr_radius = 2e-2;  // frames
   double lr_colour = 1e-3;  // per-camera affine colour
+  // A step over R views, one a process: the rates but lr_colour times R^batch_rate, Adam's decay
+  // factors to the power R^batch_memory.
+  double batch_rate = 0.5;
+  double batch_memory = 1;
 
   // Schedules, as shares of the iterations.
   int sh_degree = 3;

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include "stgs/encoder/windows.h"
+#include "train/adam.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
@@ -44,7 +46,8 @@ Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
     : capture_(capture),
       settings_(settings),
       progress_(std::move(progress)),
-      log_(log ? std::move(log) : [](int, const std::string&) {}) {}
+      log_(log ? std::move(log) : [](int, const std::string&) {}),
+      ranks_(settings.ranks) {}
 
 Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
@@ -53,14 +56,15 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
   trainer->parameters_ = choice.parameters;
   trainer->ablation_ = choice.ablation;
-  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log));
+  STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
   STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
                                                            *trainer->backend_, trainer->log_));
   STGS_TRY(trainer->perceptual_.check_sizes(capture.cameras));
   STGS_TRY(trainer->prepare_state());
+  STGS_TRY(trainer->prepare_ranks());
   STGS_TRY(trainer->prepare_backend());
   STGS_TRY(trainer->load_frames());
-  if (!settings.log_path.empty()) {
+  if (!settings.log_path.empty() && trainer->ranks_.first()) {
     STGS_TRY(trainer->log_file_.open(settings.log_path, trainer->state_.iteration));
   }
   return trainer;
@@ -72,7 +76,7 @@ Status Trainer::prepare_state() {
   } else {
     STGS_TRY(resume());
   }
-  if (settings_.held_out_measures > 0) {
+  if (settings_.held_out_measures > 0 && ranks_.first()) {
     Result<HeldOutViews> held_out = HeldOutViews::load(capture_);
     if (held_out.ok()) {
       held_out_ = std::move(*held_out);
@@ -93,9 +97,35 @@ Status Trainer::resume() {
                         "bits as an unbroken run",
                         settings_.resume, before, backend_->name()));
   }
+  const std::string processes = value_of(checkpoint.fingerprint, kProcessesEntry);
+  if (processes != fmt::format("{}", ranks_.size())) {
+    log_(1, fmt::format("{}: {} process(es) made it and {} go(es) on: to a scene as good, not to "
+                        "the same bits as an unbroken run",
+                        settings_.resume, processes, ranks_.size()));
+  }
   state_ = std::move(checkpoint.state);
   seconds_before_ = state_.seconds;
   log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
+  return {};
+}
+
+// What all ranks must have alike, and what a person should know of there being several.
+Status Trainer::prepare_ranks() {
+  settings_.checkpoint_interval = std::max(settings_.checkpoint_interval, 1);
+  if (ranks_.ranks() == nullptr) return {};
+  Fingerprint alike = fingerprint();
+  std::erase_if(alike, [](const auto& entry) { return entry.first == kBackendEntry; });
+  STGS_TRY(ranks_.same_text(fingerprint_text(alike), "capture or other settings"));
+  STGS_TRY(ranks_.same_text(
+      fmt::format("{} {} {} {}", !settings_.checkpoint.empty(), settings_.checkpoint_interval,
+                  !settings_.log_path.empty(), settings_.held_out_measures),
+      "checkpoint, log or measures"));
+  STGS_TRY(ranks_.same_text(fmt::format("{:016x}", state_hash(state_)), "start"));
+  const auto steps = (static_cast<std::uint64_t>(parameters_.iterations) + ranks_.size() - 1) /
+                     static_cast<std::uint64_t>(ranks_.size());
+  log_(2, fmt::format("{} processes, a view each in every step: the {} iterations are views, which "
+                      "makes {} steps",
+                      ranks_.size(), parameters_.iterations, steps));
   return {};
 }
 
@@ -127,6 +157,7 @@ Fingerprint Trainer::fingerprint() const {
   all.insert(all.end(), capture.begin(), capture.end());
   all.emplace_back("perceptual weights", perceptual_.fingerprint());
   all.emplace_back(kBackendEntry, backend_->name());
+  all.emplace_back(kProcessesEntry, fmt::format("{}", ranks_.size()));
   return all;
 }
 
@@ -142,26 +173,41 @@ double Trainer::share_at(std::uint64_t iteration) const {
   return std::min(1.0, std::max(by_iteration, state_.seconds / settings_.max_seconds));
 }
 
-TrainingView Trainer::view_at(std::uint64_t iteration) {
-  const std::size_t view = order_.at(iteration), frames = static_cast<std::size_t>(capture_.frames);
+// Its level is that of the step which begins at `iteration`, alike for all ranks.
+TrainingView Trainer::view_at(std::uint64_t iteration, int rank) {
+  const std::size_t view = order_.at(iteration + static_cast<std::uint64_t>(rank));
+  const std::size_t frames = static_cast<std::size_t>(capture_.frames);
   const int level = share_at(iteration) < parameters_.coarse_until ? 1 : 0;
   return {view / frames, static_cast<int>(view % frames), level};
+}
+
+std::vector<BatchView> Trainer::batch_views() {
+  std::vector<BatchView> views;
+  for (int r = 0; r < ranks_.size(); ++r) {
+    const auto [camera, frame, level] = view_at(state_.iteration, r);
+    const math::PinholeCamera pinhole = images_.pinhole(camera, level, capture_.near_plane);
+    views.push_back({math::camera_centre(pinhole), static_cast<float>(frame), camera});
+  }
+  return views;
 }
 
 Result<StepInput> Trainer::step_input() {
   const HyperParameters& p = parameters_;
   const double done = share();
-  const auto [camera, frame, level] = view_at(state_.iteration);
+  // Of the run's views, this rank's.
+  const std::uint64_t image = state_.iteration + static_cast<std::uint64_t>(ranks_.rank());
+  const auto [camera, frame, level] = view_at(state_.iteration, ranks_.rank());
   const double extent = capture_.extent;
   StepInput input;
   input.camera = images_.pinhole(camera, level, capture_.near_plane);
   input.ticks = static_cast<float>(frame);
-  STGS_ASSIGN(input.truth,
-              images_.next([this](std::uint64_t k) { return view_at(state_.iteration + k); }));
+  STGS_ASSIGN(input.truth, images_.next([this](std::uint64_t k) {
+    return view_at(state_.iteration + k * static_cast<std::uint64_t>(ranks_.size()), ranks_.rank());
+  }));
   input.colour_index = camera;
   input.background = state_.background;
   input.drop_share = static_cast<float>(p.drop_share);
-  input.drop_random = Random(settings_.seed, state_.iteration, RandomPurpose::kDrop);
+  input.drop_random = Random(settings_.seed, image, RandomPurpose::kDrop);
   input.sh_degree =
       p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
   input.modulated = ablation_.modulation;
@@ -187,7 +233,18 @@ Result<StepInput> Trainer::step_input() {
   input.weight_scale = static_cast<float>(p.weight_scale / capture_.scene_radius);
   if (with_normals() && done >= p.normal_from)
     input.weight_normal = static_cast<float>(p.weight_normal);
-  perceptual_.apply(settings_.seed, state_.iteration, done, input);
+  perceptual_.apply(settings_.seed, image, done, input);
+  if (ranks_.ranks() != nullptr) {
+    input.batch = batch_views();
+    // Fewer, larger steps, and means that forget as much in a view. A colour map has its steps a
+    // view, as ever.
+    const auto views = static_cast<float>(ranks_.size());
+    const float larger = std::pow(views, static_cast<float>(p.batch_rate));
+    for (float& rate : input.rates) rate *= larger;
+    input.rate_sh0 *= larger;
+    const float power = std::pow(views, static_cast<float>(p.batch_memory));
+    input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
+  }
   return input;
 }
 
@@ -207,8 +264,7 @@ Status Trainer::read_steps() {
 
 Status Trainer::densify() {
   const auto interval = static_cast<std::uint64_t>(parameters_.densify_interval);
-  const DensifyPlan plan =
-      densify_plan(parameters_, ablation_, share(), state_.iteration % interval == 0);
+  const DensifyPlan plan = densify_plan(parameters_, ablation_, share(), passed(interval));
   if (plan.second_stage) state_.second_stage = 1;
   if (!plan.grow && !plan.replace) return {};
   STGS_TRY(read_steps());
@@ -229,31 +285,44 @@ Status Trainer::densify() {
   return {};
 }
 
-Status Trainer::save_checkpoint() {
-  if (settings_.checkpoint.empty()) return {};
+Status Trainer::synchronise() {
   STGS_TRY(read_steps());
   STGS_TRY(backend_->synchronise());
-  return write_checkpoint(settings_.checkpoint, state_, fingerprint());
+  return ranks_.ranks() == nullptr ? Status() : ranks_.same_state(state_hash(state_));
 }
 
-bool Trainer::progress_due() const {
-  return seconds_since(reported_) >= kProgressInterval || finished();
+Status Trainer::save_checkpoint() {
+  if (settings_.checkpoint.empty()) return {};
+  STGS_TRY(synchronise());
+  return ranks_.first() ? write_checkpoint(settings_.checkpoint, state_, fingerprint()) : Status();
 }
 
-bool Trainer::report_progress() {
+Result<bool> Trainer::tick() {
+  Lockstep::Moment moment{seconds_before_ + seconds_since(started_),
+                          seconds_since(reported_) >= kProgressInterval};
+  STGS_ASSIGN(moment, ranks_.moment(moment));
+  state_.seconds = moment.seconds;
+  return moment.progress || finished();
+}
+
+Result<bool> Trainer::report_progress() {
   reported_ = Clock::now();
-  if (!progress_) return true;
+  if (!progress_) {
+    STGS_ASSIGN(const bool stop, ranks_.any(false));
+    return !stop;
+  }
   const double done = share();
   const double eta = done > 0 ? state_.seconds * (1.0 - done) / done : -1;
   std::string detail = fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
                                    state_.mean_loss, backend_->size());
   if (score_) detail += fmt::format(", held-out psnr {:.2f} dB", score_->psnr);
-  return progress_({"train", done, eta, detail});
+  STGS_ASSIGN(const bool stop, ranks_.any(!progress_({"train", done, eta, detail})));
+  return !stop;
 }
 
 bool Trainer::log_due() const {
-  return log_file_.is_open() &&
-         (state_.iteration == 1 || state_.iteration % kLogInterval == 0 || finished());
+  const bool first_step = state_.iteration <= static_cast<std::uint64_t>(ranks_.size());
+  return !settings_.log_path.empty() && (first_step || passed(kLogInterval) || finished());
 }
 
 void Trainer::write_log() {
@@ -267,11 +336,14 @@ int Trainer::measures_due() const {
 }
 
 Status Trainer::measure_held_out() {
-  if (held_out_.empty() || measures_due() == measured_) return {};
+  // Where several train, the first measures and all bring their states along.
+  const bool measures = ranks_.size() > 1 ? settings_.held_out_measures > 0 : !held_out_.empty();
+  if (!measures || measures_due() == measured_) return {};
   measured_ = measures_due();
   STGS_TRY(read_steps());
   const Clock::time_point begin = Clock::now();
   STGS_TRY(backend_->synchronise());
+  if (held_out_.empty()) return {};
   if (measure_held_out_now()) {
     log_file_.write(LoggedMeasure{state_.iteration, state_.seconds, *score_});
   }
@@ -299,22 +371,24 @@ Status Trainer::run() {
   while (!finished()) {
     const Result<StepInput> input = step_input();
     if (!input.ok()) {
-      // What has been trained is worth keeping.
-      if (const Status saved = save_checkpoint(); !saved.ok()) log_(1, saved.message());
+      // What has been trained is worth keeping; but others may be in the middle of the step.
+      const Status saved = ranks_.ranks() == nullptr ? save_checkpoint() : Status();
+      if (!saved.ok()) log_(1, saved.message());
       return input.status();
     }
     STGS_TRY(backend_->step(*input));
-    ++state_.iteration;
-    state_.seconds = seconds_before_ + seconds_since(started_);
+    state_.iteration += static_cast<std::uint64_t>(ranks_.size());
+    STGS_ASSIGN(const bool progress_due, tick());
     STGS_TRY(densify());
-    const auto interval = static_cast<std::uint64_t>(std::max(settings_.checkpoint_interval, 1));
-    const bool checkpoint = state_.iteration % interval == 0;
-    const bool progress = checkpoint || progress_due();
+    const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));
+    const bool progress = checkpoint || progress_due;
     if (progress || log_due()) STGS_TRY(read_steps());
-    if (log_due()) write_log();
+    if (log_due() && ranks_.first()) write_log();
     STGS_TRY(measure_held_out());
     if (checkpoint) STGS_TRY(save_checkpoint());
-    if (progress && !report_progress()) {
+    if (!progress) continue;
+    STGS_ASSIGN(const bool go_on, report_progress());
+    if (!go_on) {
       STGS_TRY(save_checkpoint());
       return runtime_error("stopped at iteration {}; {}", state_.iteration,
                            settings_.checkpoint.empty()
@@ -322,8 +396,7 @@ Status Trainer::run() {
                                : fmt::format("go on with --resume {}", settings_.checkpoint));
     }
   }
-  STGS_TRY(read_steps());
-  STGS_TRY(backend_->synchronise());
+  STGS_TRY(synchronise());
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
@@ -358,6 +431,7 @@ TrainReport Trainer::report() const {
   report.backend = backend_->name();
   report.perceptual = perceptual_.report();
   report.frames = images_.statistics();
+  report.processes = ranks_.size();
   report.parameters = list_hyper_parameters(parameters_);
   return report;
 }

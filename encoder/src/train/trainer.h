@@ -13,6 +13,7 @@
 #include "train/fingerprint.h"
 #include "train/hyper_parameters.h"
 #include "train/initial_state.h"
+#include "train/lockstep.h"
 #include "train/log_writer.h"
 #include "train/perceptual_term.h"
 #include "train/training_choice.h"
@@ -40,6 +41,7 @@ class Trainer {
 
   Status prepare_state();
   Status resume();
+  Status prepare_ranks();
   Status prepare_backend();
   Status load_frames();
   Fingerprint fingerprint() const;
@@ -52,14 +54,23 @@ class Trainer {
   // Its error is that of a frame which cannot be read.
   Result<StepInput> step_input();
   double share_at(std::uint64_t iteration) const;
-  TrainingView view_at(std::uint64_t iteration);
+  // What a rank sees in the step that begins at an iteration.
+  TrainingView view_at(std::uint64_t iteration, int rank);
+  std::vector<BatchView> batch_views();
+  // Whether the last step, which was of an iteration a rank, came to or past a multiple of n > 0.
+  bool passed(std::uint64_t n) const {
+    return state_.iteration / n != (state_.iteration - ranks_.size()) / n;
+  }
   // Takes what the steps have given since the last time into the running mean and last_.
   Status read_steps();
   Status densify();
+  // The state is here, and the same on all ranks.
+  Status synchronise();
   Status save_checkpoint();
-  bool progress_due() const;
+  // After a step: the clock, and whether progress is to be reported.
+  Result<bool> tick();
   // False: stop.
-  bool report_progress();
+  Result<bool> report_progress();
   bool log_due() const;
   void write_log();
   // Measures the held-out views where one is due; the clock of training stands still meanwhile.
@@ -75,11 +86,12 @@ class Trainer {
   PerceptualTerm perceptual_;
   ProgressSink progress_;
   LogSink log_;
+  Lockstep ranks_;
   TrainingImages images_;
   TrainState state_;
   std::unique_ptr<TrainBackend> backend_;
   StepOutput last_;               // of the steps read
-  std::uint64_t steps_read_ = 0;  // iterations whose loss has been taken in
+  std::uint64_t steps_read_ = 0;  // iterations, a view each, whose loss has been taken in
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   double seconds_before_ = 0;  // spent by the runs that this one goes on from

@@ -11,13 +11,14 @@
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/ranks.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::encoder {
 
 struct TrainSettings {
   std::string preset = "default";  // fast, default or best
-  int iterations = 0;              // 0: the preset's
+  int iterations = 0;              // views to learn from; 0: the preset's
   int max_primitives = 0;          // 0: the preset's
   double max_seconds = 0;          // 0: no limit; the schedule fits itself to it
   std::uint64_t seed = 1;
@@ -37,6 +38,9 @@ struct TrainSettings {
   // Safetensors file with VGG16's weights, and LPIPS's linear layers where there are any, for the
   // perceptual loss; "": there is none. README.md says how to make one.
   std::string perceptual_weights;
+  // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
+  // each on its own view of every step, and the first alone writes files, logs and measures.
+  Ranks* ranks = nullptr;
 };
 
 // A perceptual loss that was on.
@@ -67,6 +71,7 @@ struct TrainReport {
   std::optional<HeldOutScore> held_out;                         // the last measure
   std::string backend;                                          // what trained
   std::optional<PerceptualReport> perceptual;                   // none: it was off
+  int processes = 1;                                            // that trained together
   std::vector<std::pair<std::string, std::string>> parameters;  // all, as used
 };
 

@@ -6,16 +6,16 @@
 #include <utility>
 
 #include "backend/backend.h"
+#include "backend/cpu/adam_primitive.h"
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
+#include "backend/cpu/rank_step.h"
 #include "backend/cpu/regularisers.h"
 #include "backend/cpu/surface.h"
 #include "perceptual/perceptual_loss.h"
 #include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster.h"
-#include "train/adam.h"
 #include "train/colour_correction.h"
 #include "train/coupled_state.h"
 #include "train/image_loss.h"
@@ -28,6 +28,10 @@ constexpr std::size_t kBlock = 512;  // primitives updated together
 
 class CpuBackend final : public TrainBackend {
  public:
+  Status join(Ranks& ranks) override {
+    ranks_ = &ranks;
+    return {};
+  }
   Status check_perceptual() const override { return {}; }
   Status reserve(const TrainPlan& plan) override {
     perceptual_ = plan.perceptual ? std::make_unique<PerceptualLoss>(*plan.perceptual) : nullptr;
@@ -47,11 +51,22 @@ class CpuBackend final : public TrainBackend {
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
 
  private:
+  // A splat's gradients that come through the set alone, where what is learnt derives the set.
+  struct Derived {
+    math::Coupled by;
+    float log_sigma;
+  };
+
   double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
-  void update_one(const StepInput& input, std::size_t splat);
-  void gather(const StepInput& input, std::size_t splat);
+  // Adds the regularisers; what the result points to is `derived` and this backend's.
+  cpu::LearntGradients learnt_gradients(const StepInput& input, std::size_t splat,
+                                        Derived& derived);
+  cpu::ViewStatistics statistics_of(const StepInput& input, std::size_t splat) const;
+  // The step's end where several ranks take it: `own` holds this view's losses and colour.
+  Status update_with_others(const StepInput& input, cpu::ViewContribution& own);
 
+  Ranks* ranks_ = nullptr;  // null: alone
   TrainState* state_ = nullptr;
   std::vector<StepOutput> outputs_;  // since the last read()
   // Kept from step to step for their memory.
@@ -122,6 +137,12 @@ Status CpuBackend::step(const StepInput& input) {
   out.l1 = value.l1;
   out.ssim = value.ssim;
   out.visible = frame_.splats.size();
+  if (ranks_ != nullptr) {
+    cpu::ViewContribution own;
+    own.output = out;
+    own.by_colour_map = d_map;
+    return update_with_others(input, own);
+  }
   update(input);
   update_colour(*state_, input.colour_index, d_map, input.rate_colour);
   outputs_.push_back(out);
@@ -140,77 +161,82 @@ void CpuBackend::update(const StepInput& input) {
   parallel_blocks(std::size_t{0}, frame_.splats.size(), kBlock,
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t s = first; s < last; ++s) {
-                      if (input.gather_statistics) gather(input, s);
-                      update_one(input, s);
+                      const std::uint32_t i = frame_.splats[s].id;
+                      if (input.gather_statistics) {
+                        cpu::gather_statistics(*state_, i, statistics_of(input, s));
+                      }
+                      Derived derived;
+                      adam_primitive(*state_, i, learnt_gradients(input, s, derived), input);
                     }
                   });
 }
 
-// Statistics for densification; image positions in half image widths, so that one threshold fits
-// every picture size (3DGS).
-void CpuBackend::gather(const StepInput& input, std::size_t splat) {
-  const std::uint32_t i = frame_.splats[splat].id;
+Status CpuBackend::update_with_others(const StepInput& input, cpu::ViewContribution& own) {
+  const cpu::ContributionLayout layout(*state_);
+  own.resize(frame_.splats.size(), layout);
+  parallel_blocks(
+      std::size_t{0}, frame_.splats.size(), kBlock, [&](std::size_t first, std::size_t last) {
+        for (std::size_t s = first; s < last; ++s) {
+          const math::Vec3 colour = frame_.splats[s].colour;
+          math::Vec3 by = splat_gradients_[s].colour;
+          // A channel that the forward clamps at 0 passes nothing.
+          if (!(colour.x > 0.0f)) by.x = 0.0f;
+          if (!(colour.y > 0.0f)) by.y = 0.0f;
+          if (!(colour.z > 0.0f)) by.z = 0.0f;
+          Derived derived;
+          own.ids[s] = frame_.splats[s].id;
+          own.set(s, layout, learnt_gradients(input, s, derived), by, statistics_of(input, s));
+        }
+      });
+  STGS_ASSIGN(const std::vector<cpu::ViewContribution> views,
+              cpu::gather_contributions(*ranks_, layout, own));
+  cpu::apply_contributions(*state_, input, views);
+  for (const cpu::ViewContribution& view : views) outputs_.push_back(view.output);
+  return {};
+}
+
+// Image positions in half image widths, so that one threshold fits every picture size (3DGS).
+cpu::ViewStatistics CpuBackend::statistics_of(const StepInput& input, std::size_t splat) const {
   const cpu::SplatGradients& g = splat_gradients_[splat];
   const float half_width = 0.5f * input.camera.width;
   const float half_height = 0.5f * input.camera.height;
-  DensifyStatistics& statistics = state_->statistics;
-  statistics.gradient_sum[i] += std::hypot(g.mean.x * half_width, g.mean.y * half_height);
-  statistics.abs_gradient_sum[i] +=
-      std::hypot(g.abs_mean.x * half_width, g.abs_mean.y * half_height);
-  statistics.error_max[i] = std::max(statistics.error_max[i], g.error);
-  ++statistics.views[i];
+  return {std::hypot(g.mean.x * half_width, g.mean.y * half_height),
+          std::hypot(g.abs_mean.x * half_width, g.abs_mean.y * half_height), g.error};
 }
 
-void CpuBackend::update_one(const StepInput& input, std::size_t splat) {
-  TrainState& state = *state_;
+cpu::LearntGradients CpuBackend::learnt_gradients(const StepInput& input, std::size_t splat,
+                                                  Derived& derived) {
+  const TrainState& state = *state_;
   const std::uint32_t i = frame_.splats[splat].id;
+  cpu::PrimitiveGradients& g = gradients_;
   // The covariance's gradient holds it already, and only the regulariser's is added here.
-  if (state.is_coupled()) std::fill_n(&gradients_.log_scale[3 * splat], 3, 0.0f);
-  cpu::regularise(state, frame_.splats.size(), i, input, gradients_.log_scale.data() + 3 * splat,
-                  gradients_.opacity_logit[splat], gradients_.sigma[splat],
-                  gradients_.radius[splat]);
-  const float modulation =
-      input.modulated ? math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]) : 1.0f;
-  const float d_log_sigma = gradients_.sigma[splat] * state.set.sigma[i];
-
-  const AdamCorrection correction(++state.updates[i]);
-  const auto apply = [&](int attribute, const float* gradient, std::size_t n, float rate,
-                         std::size_t skip = 0) {
-    const std::size_t at = i * static_cast<std::size_t>(state.components(attribute)) + skip;
-    Moments& moments = state.moments[attribute];
-    adam_step(state.values(attribute).data() + at, moments.first.data() + at,
-              moments.second.data() + at, gradient, n, rate, correction);
-  };
+  if (state.is_coupled()) std::fill_n(&g.log_scale[3 * splat], 3, 0.0f);
+  cpu::regularise(state, frame_.splats.size(), i, input, g.log_scale.data() + 3 * splat,
+                  g.opacity_logit[splat], g.sigma[splat], g.radius[splat]);
+  cpu::LearntGradients learnt;
+  learnt.by[kPosition] = &g.position[3 * splat];
+  learnt.by[kOpacity] = &g.opacity_logit[splat];
+  learnt.by[kTime] = &g.time[splat];
+  learnt.by[kRadius] = &g.radius[splat];
+  learnt.by[kSh] = &g.sh[splat * 3 * static_cast<std::size_t>(g.sh_coefficients)];
+  learnt.coefficients = g.sh_coefficients;
   if (state.is_coupled()) {
-    const float* s = &gradients_.log_scale[3 * splat];
-    const float* u = &gradients_.velocity[3 * splat];
-    const math::Coupled by = coupled_backward(state, i,
-                                              {gradients_.covariance[splat],
-                                               {s[0], s[1], s[2]},
-                                               {u[0], u[1], u[2]},
-                                               gradients_.sigma[splat]});
-    apply(kLogScale, &by.scale.x, 3, input.rates[kLogScale]);
-    apply(kRotation, &by.left.w, 4, input.rates[kRotation]);
-    apply(kVelocity, &by.right.w, 4, input.rates[kVelocity]);
-    apply(kLogSigma, &by.time, 1, input.rates[kLogSigma]);
+    const float* s = &g.log_scale[3 * splat];
+    const float* u = &g.velocity[3 * splat];
+    derived.by = coupled_backward(
+        state, i, {g.covariance[splat], {s[0], s[1], s[2]}, {u[0], u[1], u[2]}, g.sigma[splat]});
+    learnt.by[kLogScale] = &derived.by.scale.x;
+    learnt.by[kRotation] = &derived.by.left.w;
+    learnt.by[kVelocity] = &derived.by.right.w;
+    learnt.by[kLogSigma] = &derived.by.time;
   } else {
-    apply(kLogScale, gradients_.log_scale.data() + 3 * splat, 3, input.rates[kLogScale]);
-    apply(kRotation, gradients_.rotation.data() + 4 * splat, 4, input.rates[kRotation]);
-    apply(kVelocity, gradients_.velocity.data() + 3 * splat, 3, input.rates[kVelocity]);
-    apply(kLogSigma, &d_log_sigma, 1, input.rates[kLogSigma]);
+    derived.log_sigma = g.sigma[splat] * state.set.sigma[i];
+    learnt.by[kLogScale] = &g.log_scale[3 * splat];
+    learnt.by[kRotation] = &g.rotation[4 * splat];
+    learnt.by[kVelocity] = &g.velocity[3 * splat];
+    learnt.by[kLogSigma] = &derived.log_sigma;
   }
-  apply(kPosition, gradients_.position.data() + 3 * splat, 3, input.rates[kPosition]);
-  apply(kOpacity, &gradients_.opacity_logit[splat], 1, input.rates[kOpacity]);
-  apply(kTime, &gradients_.time[splat], 1, input.rates[kTime]);
-  if (input.learn_radius) {
-    apply(kRadius, &gradients_.radius[splat], 1, input.rates[kRadius]);
-    state.set.radius[i] = std::max(state.set.radius[i], 0.0f);
-  }
-  const std::size_t sh = std::size_t{3} * gradients_.sh_coefficients;
-  apply(kSh, gradients_.sh.data() + sh * splat, 3, input.rate_sh0);
-  if (sh > 3) apply(kSh, gradients_.sh.data() + sh * splat + 3, sh - 3, input.rates[kSh], 3);
-  if (input.modulated && !state.is_coupled()) state.carry_motion(i, modulation);
-  state.derive(i, input.modulated);
+  return learnt;
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include "backend/cuda/cuda_backend.h"
 
 #include <algorithm>
+#include <thread>
 
 namespace stgs::encoder {
 namespace cuda {
@@ -34,7 +35,13 @@ Status device_problem(const char* text) {
 
 }  // namespace
 
-Status CudaBackend::create() {
+CudaBackend::~CudaBackend() {
+  // Where another rank has failed, the GPU would wait for it for ever.
+  if (exchange_ && cudaStreamQuery(stream_) == cudaErrorNotReady) exchange_->abort();
+  (void)stream_.wait();
+}
+
+Status CudaBackend::create(int gpu) {
   int count = 0;
   if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess) {
     // The runtime says the same of a missing driver as of one that is too old.
@@ -43,8 +50,9 @@ Status CudaBackend::create() {
   }
   if (count == 0) return device_problem("no device found");
   cudaDeviceProp properties{};
-  STGS_TRY(cuda_status(cudaSetDevice(0), "choosing the GPU"));
-  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, 0), "asking about the GPU"));
+  const int device = gpu % count;
+  STGS_TRY(cuda_status(cudaSetDevice(device), "choosing the GPU"));
+  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, device), "asking about the GPU"));
   name_ = fmt::format("cuda ({})", properties.name);
   if (const cudaError_t error = kernels_loadable(); error != cudaSuccess) {
     (void)cudaGetLastError();
@@ -61,6 +69,17 @@ Status CudaBackend::create() {
   return {};
 }
 
+Status CudaBackend::join(Ranks& ranks) {
+  STGS_ASSIGN(std::unique_ptr<RankExchange> exchange, make_nccl_exchange(ranks));
+  return join(ranks, std::move(exchange));
+}
+
+Status CudaBackend::join(Ranks& ranks, std::unique_ptr<RankExchange> exchange) {
+  ranks_ = &ranks;
+  exchange_ = std::move(exchange);
+  return records_.ensure(kInFlight * this->ranks());
+}
+
 Status CudaBackend::reserve(const TrainPlan& plan) {
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
@@ -68,6 +87,7 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
       DeviceState::bytes(plan.primitives, plan.sh_coefficients, plan.coupled);
   const std::size_t step_bytes =
       StepPipeline::bytes(plan.primitives, pixels, instances, plan.normals);
+  const std::size_t shared_bytes = ranks_ == nullptr ? 0 : ranks() * block_bytes(plan.primitives);
   const std::size_t few_pictures = 16 * pixels;
   pipeline_.set_perceptual(nullptr);
   std::unique_ptr<PerceptualNetwork> perceptual;
@@ -79,8 +99,8 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   }
   std::size_t free = 0, total = 0;
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
-  const double need =
-      static_cast<double>(state_bytes + step_bytes + few_pictures + perceptual_bytes);
+  const double need = static_cast<double>(state_bytes + step_bytes + shared_bytes + few_pictures +
+                                          perceptual_bytes);
   if (need > static_cast<double>(free)) {
     return unsupported(
         "training {} primitives on {}x{} pictures needs {} of GPU memory, and {} of {} are free: "
@@ -93,6 +113,9 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   }
   if (perceptual) STGS_TRY(perceptual->reserve(patch.width, patch.height));
   pipeline_.set_perceptual(std::move(perceptual));
+  if (ranks_ != nullptr) {
+    STGS_TRY(pipeline_.set_ranks(*ranks_, exchange_.get(), plan.primitives));
+  }
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients, plan.coupled));
   STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
                              stream_));
@@ -159,8 +182,8 @@ Status CudaBackend::enqueue(const StepInput& input) {
                              input.weight_normal > 0.0f, stream_));
   STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
-  STGS_TRY(
-      pipeline_.enqueue(device_, input, truth, instances, records_.on_device() + slot, stream_));
+  STGS_TRY(pipeline_.enqueue(device_, input, truth, instances,
+                             records_.on_device() + slot * ranks(), stream_));
   STGS_TRY(truths_.release(input.truth, stream_));
   pending_.push_back({input, slot});
   return cuda_status(cudaEventRecord(done_[slot], stream_), "marking a step");
@@ -169,6 +192,10 @@ Status CudaBackend::enqueue(const StepInput& input) {
 Status CudaBackend::collect(bool wait) {
   while (!pending_.empty()) {
     const std::size_t slot = pending_.front().slot;
+    if (ranks_ != nullptr) {
+      if (!wait && pending_.size() < kSharedInFlight) return {};
+      STGS_TRY(wait_shared(slot));
+    }
     const cudaError_t state =
         wait ? cudaEventSynchronize(done_[slot]) : cudaEventQuery(done_[slot]);
     if (state == cudaErrorNotReady) {
@@ -176,21 +203,34 @@ Status CudaBackend::collect(bool wait) {
       return {};
     }
     STGS_TRY(cuda_status(state, "working on a step"));
-    const StepRecord record = records_.data()[slot];
+    const StepRecord* const all = records_.data() + slot * ranks();
+    const StepRecord record = all[ranks_ == nullptr ? 0 : ranks_->rank()];
     if (record.overflow != 0) {
       STGS_TRY(redo(record.instances));
       continue;
     }
     const double kept = kMemory * static_cast<double>(instances_seen_);
     instances_seen_ = std::max<std::size_t>(record.instances, static_cast<std::size_t>(kept));
-    outputs_.push_back(output_of(record));
+    for (std::size_t r = 0; r < ranks(); ++r) outputs_.push_back(output_of(all[r]));
     pending_.pop_front();
   }
   return {};
 }
 
+Status CudaBackend::wait_shared(std::size_t slot) {
+  for (;;) {
+    const cudaError_t state = cudaEventQuery(done_[slot]);
+    if (state != cudaErrorNotReady) return cuda_status(state, "working on a step");
+    (void)cudaGetLastError();  // not an error, but remembered as one
+    STGS_TRY(ranks_->others());
+    STGS_TRY(exchange_->check());
+    std::this_thread::yield();
+  }
+}
+
 // The oldest pending step did not fit: makes room and does all pending ones again.
 Status CudaBackend::redo(std::size_t instances) {
+  if (ranks_ != nullptr) STGS_TRY(wait_shared(pending_.back().slot));
   STGS_TRY(stream_.wait());
   if (instances > kMaxInstances) {
     return runtime_error(
@@ -221,9 +261,9 @@ Status CudaBackend::synchronise() {
 
 }  // namespace cuda
 
-Result<std::unique_ptr<TrainBackend>> make_cuda_backend() {
+Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int gpu) {
   auto backend = std::make_unique<cuda::CudaBackend>();
-  STGS_TRY(backend->create());
+  STGS_TRY(backend->create(gpu));
   return std::unique_ptr<TrainBackend>(std::move(backend));
 }
 

@@ -10,6 +10,7 @@
 
 #include <array>
 #include <deque>
+#include <memory>
 
 #include "backend/backend.h"
 #include "backend/cuda/densifier.h"
@@ -21,11 +22,14 @@ namespace stgs::encoder::cuda {
 
 class CudaBackend final : public TrainBackend {
  public:
-  ~CudaBackend() override { (void)stream_.wait(); }
+  ~CudaBackend() override;
 
-  // Sets up the first device; kUnsupported where there is none.
-  Status create();
+  // Sets up a device, `gpu` modulo their number; kUnsupported where there is none.
+  Status create(int gpu = 0);
+  // As TrainBackend::join, with an exchange that is not NCCL's.
+  Status join(Ranks& ranks, std::unique_ptr<RankExchange> exchange);
 
+  Status join(Ranks& ranks) override;
   Status check_perceptual() const override { return check_perceptual_network(); }
   Status reserve(const TrainPlan& plan) override;
   Status begin(TrainState& state) override;
@@ -46,6 +50,9 @@ class CudaBackend final : public TrainBackend {
  private:
   // Steps on their way to the GPU, at most.
   static constexpr std::size_t kInFlight = 32;
+  // The same for several ranks, who look at a step's record when so many are under way, and not
+  // when it happens to be there: all learn of an overflow at the same step.
+  static constexpr std::size_t kSharedInFlight = 16;
   struct Pending {
     StepInput input;
     std::size_t slot;  // of its record and event
@@ -54,16 +61,23 @@ class CudaBackend final : public TrainBackend {
   Status enqueue(const StepInput& input);
   // Takes what the oldest steps have left; waits for all of them, or only for those that are done.
   Status collect(bool wait);
+  // Waits for a step, and meanwhile looks whether another rank has failed.
+  Status wait_shared(std::size_t slot);
+  std::size_t ranks() const {
+    return ranks_ == nullptr ? 1 : static_cast<std::size_t>(ranks_->size());
+  }
   Status redo(std::size_t instances);
   std::size_t room() const;
 
   std::string name_;
+  Ranks* ranks_ = nullptr;  // null: alone
+  std::unique_ptr<RankExchange> exchange_;
   Stream stream_;
   DeviceState device_;
   StepPipeline pipeline_;
   Densifier densifier_;
   TruthCache truths_;
-  PinnedArray<StepRecord> records_;
+  PinnedArray<StepRecord> records_;  // for each slot, one a rank
   std::array<Event, kInFlight> done_;
   std::deque<Pending> pending_;  // oldest first
   std::size_t next_slot_ = 0;

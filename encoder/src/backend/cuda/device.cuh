@@ -93,15 +93,15 @@ struct AdamFactors {
   float first, second_root;
 };
 
-__device__ inline AdamFactors adam_factors(std::uint32_t updates) {
+__device__ inline AdamFactors adam_factors(std::uint32_t updates, AdamBetas betas = AdamBetas()) {
   const float n = static_cast<float>(updates);
-  return {1.0f / (1.0f - powf(kAdamBeta1, n)), 1.0f / sqrtf(1.0f - powf(kAdamBeta2, n))};
+  return {1.0f / (1.0f - powf(betas.first, n)), 1.0f / sqrtf(1.0f - powf(betas.second, n))};
 }
 
 __device__ inline float adam(float value, float& first, float& second, float gradient, float rate,
-                             AdamFactors factors) {
-  first = kAdamBeta1 * first + (1.0f - kAdamBeta1) * gradient;
-  second = kAdamBeta2 * second + (1.0f - kAdamBeta2) * gradient * gradient;
+                             AdamFactors factors, AdamBetas betas = AdamBetas()) {
+  first = betas.first * first + (1.0f - betas.first) * gradient;
+  second = betas.second * second + (1.0f - betas.second) * gradient * gradient;
   const float scale = sqrt_fast(second) * factors.second_root + kAdamEpsilon;
   return value - rate * __fdividef(first * factors.first, scale);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The end of the step: the losses for the host, and the colour maps.
 #include "backend/cuda/device.cuh"
+#include "backend/cuda/rank_blocks.h"
 
 namespace stgs::encoder::cuda {
 namespace {
@@ -69,13 +70,12 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
   a.counters->visible = 0;
 }
 
-// Entry k of every map: Adam on the camera's own, then the mean goes back to the identity.
-__device__ void update_colour(const FinishArguments& a, int k, float gradient,
-                              AdamFactors factors) {
-  const ColourMaps& colour = a.colour;
-  const std::size_t at = std::size_t{kMapSize} * a.index + k;
+// Entry k of every map: Adam on camera `index`'s own, then the mean goes back to the identity.
+__device__ void update_colour(const ColourMaps& colour, std::uint32_t index, int k, float gradient,
+                              float rate, AdamFactors factors) {
+  const std::size_t at = std::size_t{kMapSize} * index + k;
   colour.map[at] =
-      adam(colour.map[at], colour.first[at], colour.second[at], gradient, a.rate, factors);
+      adam(colour.map[at], colour.first[at], colour.second[at], gradient, rate, factors);
   float mean = 0.0f;
   for (std::uint32_t c = 0; c < colour.cameras; ++c) mean += colour.map[kMapSize * c + k];
   const float identity = k < 9 && k % 4 == 0 ? 1.0f : 0.0f;
@@ -91,11 +91,61 @@ __global__ void __launch_bounds__(kBlock) finish(const FinishArguments a) {
   const std::uint32_t updates = a.colour.updates[a.index] + 1;
   __syncwarp();
   if (threadIdx.x < kMapSize && !overflow)
-    update_colour(a, static_cast<int>(threadIdx.x), static_cast<float>(sums[1 + threadIdx.x]),
-                  adam_factors(updates));
+    update_colour(a.colour, a.index, static_cast<int>(threadIdx.x),
+                  static_cast<float>(sums[1 + threadIdx.x]), a.rate, adam_factors(updates));
   if (threadIdx.x != 0) return;
   if (!overflow) a.colour.updates[a.index] = updates;
   write_record(a, sums);
+}
+
+__global__ void __launch_bounds__(kBlock) write_head(const FinishArguments a, float* by_map) {
+  __shared__ double sums[kQuantities];
+  sum_all(a, sums);
+  if (threadIdx.x < kMapSize) by_map[threadIdx.x] = static_cast<float>(sums[1 + threadIdx.x]);
+  if (threadIdx.x == 0) write_record(a, sums);
+}
+
+// A thread an entry of the maps.
+__global__ void finish_ranks(const RankViews views, const ColourMaps colour, float rate,
+                             Counters* counters, const RankBlocks blocks, StepRecord* records) {
+  const int k = static_cast<int>(threadIdx.x);
+  bool overflow = false;
+  for (int r = 0; r < blocks.count; ++r)
+    overflow = overflow || rank_head(blocks, r)->record.overflow != 0;
+  for (int r = 0; r < blocks.count && !overflow; ++r) {
+    const RankHead* head = rank_head(blocks, r);
+    const std::uint32_t index = views.colour_index[r];
+    const std::uint32_t updates = colour.updates[index] + 1;
+    __syncwarp();
+    if (k < kMapSize)
+      update_colour(colour, index, k, head->by_colour_map[k], rate, adam_factors(updates));
+    if (k == 0) colour.updates[index] = updates;
+    __syncwarp();
+  }
+  for (int r = k; r < blocks.count; r += 32) {
+    StepRecord record = rank_head(blocks, r)->record;
+    record.overflow = overflow;
+    records[r] = record;
+  }
+  if (k == 0 && overflow) counters->overflow = 1;
+}
+
+// All but the colour maps, their camera and rate.
+FinishArguments sums_of(const View& view, std::uint32_t n, const LossWeights& weights,
+                        const Workspace& w, StepRecord* record) {
+  FinishArguments a{};
+  a.counters = w.counters;
+  a.loss_sums = w.loss_sums;
+  a.ssim_sums = w.ssim_sums;
+  a.normal_sums = view.planes ? w.normal_sums : nullptr;
+  a.regulariser_sums = w.regulariser_sums;
+  a.perceptual = w.perceptual;
+  a.loss_blocks = static_cast<std::uint32_t>(loss_blocks(view.width, view.height));
+  a.update_blocks = static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock));
+  a.values = 3.0 * view.width * view.height;
+  a.weights = weights;
+  a.record = record;
+  return a;
 }
 
 }  // namespace
@@ -108,21 +158,24 @@ cudaError_t kernels_loadable() {
 void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,
                    const ColourMaps& colour, std::uint32_t index, float rate, StepRecord* record,
                    const Workspace& w, cudaStream_t stream) {
-  const FinishArguments arguments{w.counters,
-                                  w.loss_sums,
-                                  w.ssim_sums,
-                                  view.planes ? w.normal_sums : nullptr,
-                                  w.regulariser_sums,
-                                  w.perceptual,
-                                  static_cast<std::uint32_t>(loss_blocks(view.width, view.height)),
-                                  static_cast<std::uint32_t>(blocks_of(n, kUpdateBlock)),
-                                  3.0 * view.width * view.height,
-                                  weights,
-                                  colour,
-                                  index,
-                                  rate,
-                                  record};
+  FinishArguments arguments = sums_of(view, n, weights, w, record);
+  arguments.colour = colour;
+  arguments.index = index;
+  arguments.rate = rate;
   finish<<<1, kBlock, 0, stream>>>(arguments);
+}
+
+void launch_head(const View& view, std::uint32_t n, const LossWeights& weights, const Workspace& w,
+                 const RankBlocks& blocks, cudaStream_t stream) {
+  RankHead* head = rank_head(blocks, blocks.own);
+  write_head<<<1, kBlock, 0, stream>>>(sums_of(view, n, weights, w, &head->record),
+                                       head->by_colour_map);
+}
+
+void launch_finish_ranks(const RankViews& views, const ColourMaps& colour, float rate,
+                         Counters* counters, const RankBlocks& blocks, StepRecord* records,
+                         cudaStream_t stream) {
+  finish_ranks<<<1, 32, 0, stream>>>(views, colour, rate, counters, blocks, records);
 }
 
 }  // namespace stgs::encoder::cuda

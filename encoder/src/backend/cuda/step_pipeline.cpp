@@ -201,6 +201,43 @@ Status StepPipeline::enqueue_perceptual(const StepInput& input, const View& view
   return perceptual_->enqueue(step, stream);
 }
 
+Status StepPipeline::set_ranks(const Ranks& ranks, RankExchange* exchange, std::size_t primitives) {
+  exchange_ = exchange;
+  blocks_.count = ranks.size();
+  blocks_.own = ranks.rank();
+  STGS_TRY(block_memory_.ensure(block_bytes(primitives) * static_cast<std::size_t>(blocks_.count)));
+  blocks_.data = block_memory_.data();
+  return {};
+}
+
+Status StepPipeline::enqueue_shared(const DeviceState& state, const StepInput& input,
+                                    const View& view, const LossWeights& weights,
+                                    StepRecord* records, cudaStream_t stream) {
+  const Primitives& primitives = state.primitives();
+  const UpdateSettings settings = update_settings(input);
+  RankBlocks blocks = blocks_;
+  blocks.bytes = block_bytes(primitives.n);
+  blocks.stride = row_stride(primitives.n);
+  static_assert(kMaxBlocks >= kMaxRanks);
+  RankViews views{};
+  for (std::size_t r = 0; r < input.batch.size(); ++r) {
+    const BatchView& v = input.batch[r];
+    views.centre_ticks[r] = {v.centre.x, v.centre.y, v.centre.z, v.ticks};
+    views.colour_index[r] = static_cast<std::uint32_t>(v.colour_index);
+  }
+  launch_contributions(primitives, view, settings, workspace_, blocks, stream);
+  launch_head(view, primitives.n, weights, workspace_, blocks, stream);
+  stage("contributions");
+  STGS_TRY(exchange_->gather(blocks.data, blocks.bytes, stream));
+  stage("exchange");
+  launch_apply(primitives, views, view.coefficients, settings, input.betas, blocks, stream);
+  stage("update");
+  launch_finish_ranks(views, state.colour(), input.rate_colour, workspace_.counters, blocks,
+                      records, stream);
+  stage("finish");
+  return cuda_status(cudaGetLastError(), "starting a step");
+}
+
 Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
                              const std::uint8_t* truth, std::size_t instances, StepRecord* record,
                              cudaStream_t stream) {
@@ -230,6 +267,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   }
   launch_blend_backward(view, instances, w, stream);
   stage("blend_backward");
+  if (!input.batch.empty()) return enqueue_shared(state, input, view, weights, record, stream);
   launch_update(primitives, view, update_settings(input), w, stream);
   stage("update");
   launch_finish(view, primitives.n, weights, state.colour(), index, input.rate_colour, record, w,

@@ -9,6 +9,8 @@
 #include "backend/cuda/kernels.h"
 #include "backend/cuda/memory.h"
 #include "backend/cuda/perceptual_network.h"
+#include "backend/cuda/rank_blocks.h"
+#include "backend/cuda/rank_exchange.h"
 
 namespace stgs::encoder::cuda {
 
@@ -26,12 +28,14 @@ class StepPipeline {
   // the stream where it has to grow.
   Status reserve(std::size_t primitives, int width, int height, std::size_t instances, bool planes,
                  cudaStream_t stream);
-  // Enqueues a step with room for `instances` tile instances; the size is reserved. `record` is
-  // mapped host memory as the device addresses it.
+  // Enqueues a step with room for `instances` tile instances; the size is reserved. `record`, one
+  // a rank, is mapped host memory as the device addresses it.
   Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* truth,
                  std::size_t instances, StepRecord* record, cudaStream_t stream);
   // For steps with a perceptual loss; reserved for their patches. Null: there are none.
   void set_perceptual(std::unique_ptr<PerceptualNetwork> network);
+  // For steps with a batch: the ranks' exchange, which is not owned. `primitives` at most.
+  Status set_ranks(const Ranks& ranks, RankExchange* exchange, std::size_t primitives);
   // Lets steps change the state again after an overflow.
   Status clear_overflow(cudaStream_t stream);
 
@@ -45,6 +49,9 @@ class StepPipeline {
   Status reserve_instances(std::size_t n);
   Status reserve_segments();
   Status reserve_planes();
+  // The end of a step of several ranks.
+  Status enqueue_shared(const DeviceState& state, const StepInput& input, const View& view,
+                        const LossWeights& weights, StepRecord* records, cudaStream_t stream);
   // After the image loss.
   Status enqueue_perceptual(const StepInput& input, const View& view, const std::uint8_t* truth,
                             const float* colour_map, cudaStream_t stream);
@@ -55,6 +62,9 @@ class StepPipeline {
   StageObserver observer_;
   std::unique_ptr<PerceptualNetwork> perceptual_;
   Workspace workspace_;
+  RankExchange* exchange_ = nullptr;
+  RankBlocks blocks_;  // but for their size
+  DeviceArray<std::uint8_t> block_memory_;
   DeviceArray<Counters> counters_;
   DeviceArray<std::uint32_t> iota_;
   DeviceArray<ScreenSplat> splats_;

@@ -3,6 +3,7 @@
 // by its parameters (math/grad.h), regularisers, densification statistics, Adam. The harmonics,
 // most of the numbers, are then updated by the whole warp so that memory is read in rows.
 #include "backend/cuda/coupled.cuh"
+#include "backend/cuda/rank_blocks.h"
 #include "backend/cuda/update_rows.cuh"
 #include "math/grad.h"
 
@@ -107,23 +108,11 @@ __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_cam
   return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
 }
 
-// What densification wants to know of a view.
-struct Statistics {
-  float gradient, abs_gradient, error;
-};
-
 // Image positions in half image widths, so that one threshold fits every picture size.
 __device__ Statistics statistics_of(const View& view, const SplatGradient& g) {
   const float half_width = 0.5f * view.camera.width, half_height = 0.5f * view.camera.height;
   return {hypotf(g.mean.x * half_width, g.mean.y * half_height),
           hypotf(g.abs_mean.x * half_width, g.abs_mean.y * half_height), g.error};
-}
-
-__device__ void gather_statistics(const Primitives& p, std::uint32_t i, const Statistics& seen) {
-  p.gradient_sum[i] += seen.gradient;
-  p.abs_gradient_sum[i] += seen.abs_gradient;
-  p.error_max[i] = fmaxf(p.error_max[i], seen.error);
-  ++p.views[i];
 }
 
 // A primitive's own values, read before anything that waits.
@@ -236,9 +225,22 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   return regularisers;
 }
 
-template <bool kPlanes, bool kCoupled>
+// What this view gives for primitive i, from its stage.
+__device__ void write_contribution(const RankBlocks& blocks, std::uint32_t i, const float* stage,
+                                   const Statistics& statistics) {
+  float* row = rank_rows(blocks, blocks.own) + i;
+#pragma unroll
+  for (int k = 0; k < kBasis; ++k, row += blocks.stride) *row = stage[k];
+  row[0] = statistics.gradient;
+  row[blocks.stride] = statistics.abs_gradient;
+  row[2 * blocks.stride] = statistics.error;
+}
+
+// kShared: the gradients go to the rank's block, and nothing is changed here.
+template <bool kPlanes, bool kCoupled, bool kShared>
 __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
-    update(const Primitives p, const View view, const UpdateSettings settings, const Workspace w) {
+    update(const Primitives p, const View view, const UpdateSettings settings, const Workspace w,
+           const RankBlocks blocks) {
   __shared__ float stages[kUpdateBlock * kFields];
   __shared__ double sums[kWarps];
   if (w.counters->overflow != 0) return;  // the lists are empty: the step will be done again
@@ -248,6 +250,9 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
   float* warp_stage = stages + 32 * warp * kFields;
   const bool own = i < p.n && w.depth_keys[i] != kInvisible;
   const unsigned visible = __ballot_sync(kAllLanes, own);
+  if constexpr (kShared) {
+    if (i < p.n) rank_rows(blocks, blocks.own)[kSeenRow * blocks.stride + i] = own ? 1.0f : 0.0f;
+  }
   double regularisers = 0.0;
   if (visible != 0) {
     const float share = 1.0f / static_cast<float>(w.counters->visible);
@@ -268,22 +273,26 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
       Statistics statistics{};
       regularisers = primitive_gradients<kPlanes, kCoupled>(
           p, i, values, view, settings, splat, found, by_plane, share, stage, statistics);
-      const AdamFactors factors = adam_factors(++p.updates[i]);
-      stage[kFirstFactor] = factors.first;
-      stage[kSecondRoot] = factors.second_root;
-      if (settings.gather_statistics) gather_statistics(p, i, statistics);
+      if constexpr (kShared) {
+        write_contribution(blocks, i, stage, statistics);
+      } else {
+        const AdamFactors factors = adam_factors(++p.updates[i]);
+        stage[kFirstFactor] = factors.first;
+        stage[kSecondRoot] = factors.second_root;
+        if (settings.gather_statistics) gather_statistics(p, i, statistics);
+      }
     }
-    __syncwarp();
-    // Basis times colour gradient.
-    const auto by_harmonic = [warp_stage](unsigned owner, unsigned k) {
-      const float* its = warp_stage + owner * kFields;
-      return its[kBasis + k / 3] * its[kByColour + k % 3];
-    };
-    update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage, by_harmonic);
-    update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
-    __syncwarp();
-    if constexpr (!kCoupled) {
-      if (own)
+    if constexpr (!kShared) {
+      __syncwarp();
+      // Basis times colour gradient.
+      const auto by_harmonic = [warp_stage](unsigned owner, unsigned k) {
+        const float* its = warp_stage + owner * kFields;
+        return its[kBasis + k / 3] * its[kByColour + k % 3];
+      };
+      update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage, by_harmonic);
+      update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
+      __syncwarp();
+      if (!kCoupled && own)
         derive(p, i, settings.modulated, lifespan_modulation(values.sigma, values.radius), stage);
     }
   }
@@ -301,11 +310,19 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream) {
   const bool coupled = p.tick > 0.0f;  // then there are no planes
-  const auto kernel = coupled       ? update<false, true>
-                      : view.planes ? update<true, false>
-                                    : update<false, false>;
-  kernel<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w);
+  const auto kernel = coupled       ? update<false, true, false>
+                      : view.planes ? update<true, false, false>
+                                    : update<false, false, false>;
+  kernel<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w, {});
   if (coupled) launch_derive_coupled(p, stream);
+}
+
+void launch_contributions(const Primitives& p, const View& view, const UpdateSettings& settings,
+                          const Workspace& w, const RankBlocks& blocks, cudaStream_t stream) {
+  const auto kernel = p.tick > 0.0f ? update<false, true, true>
+                      : view.planes ? update<true, false, true>
+                                    : update<false, false, true>;
+  kernel<<<blocks_of(p.n, kUpdateBlock), kUpdateBlock, 0, stream>>>(p, view, settings, w, blocks);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -39,6 +39,19 @@ __device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 
+// What densification wants to know of a view.
+struct Statistics {
+  float gradient, abs_gradient, error;
+};
+
+__device__ inline void gather_statistics(const Primitives& p, std::uint32_t i,
+                                         const Statistics& seen) {
+  p.gradient_sum[i] += seen.gradient;
+  p.abs_gradient_sum[i] += seen.abs_gradient;
+  p.error_max[i] = fmaxf(p.error_max[i], seen.error);
+  ++p.views[i];
+}
+
 // The rows of an attribute's values and moments that belong to a warp's primitives: lane L has the
 // values L, L + 32, ... of the kSize * 32 from the first on.
 template <int kSize>
@@ -68,7 +81,7 @@ __device__ void load_rows(const Primitives& p, int attribute, std::uint32_t firs
 // Adam on the rows, whose gradients are in the stage at `field`; the new values replace them there.
 template <int kSize>
 __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t first, unsigned visible,
-                          float rate, float* stage, int field, Rows<kSize>& rows) {
+                          float rate, AdamBetas betas, float* stage, int field, Rows<kSize>& rows) {
   const std::size_t at = static_cast<std::size_t>(first) * kSize + (threadIdx.x & 31);
 #pragma unroll
   for (int j = 0; j < kSize; ++j) {
@@ -77,7 +90,7 @@ __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t firs
     float* own = stage + e / kSize * kFields;
     float& gradient = own[field + e % kSize];
     float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient, rate,
-                       {own[kFirstFactor], own[kSecondRoot]});
+                       {own[kFirstFactor], own[kSecondRoot]}, betas);
     if (attribute == kRadius) value = fmaxf(value, 0.0f);
     gradient = value;
     p.values[attribute][at + 32 * j] = value;
@@ -89,7 +102,8 @@ __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t firs
 // All attributes but the harmonics; reads go ahead of writes by half of them.
 template <bool kCoupled>
 __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsigned visible,
-                                  const UpdateSettings& s, float* stage) {
+                                  const UpdateSettings& s, float* stage,
+                                  AdamBetas betas = AdamBetas()) {
   constexpr int kVelocityField = kCoupled ? kByRight : kByVelocity;
   constexpr int kSigmaField = kCoupled ? kByLogTime : kByLogSigma;
   const bool learn_radius = !kCoupled && s.learn_radius;
@@ -100,20 +114,21 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
   load_rows(p, kPosition, first, visible, position);
   load_rows(p, kLogScale, first, visible, log_scale);
   load_rows(p, kRotation, first, visible, rotation);
-  step_rows(p, kPosition, first, visible, s.rates[kPosition], stage, kByPosition, position);
-  step_rows(p, kLogScale, first, visible, s.rates[kLogScale], stage, kByLogScale, log_scale);
-  step_rows(p, kRotation, first, visible, s.rates[kRotation], stage, kByRotation, rotation);
+  step_rows(p, kPosition, first, visible, s.rates[kPosition], betas, stage, kByPosition, position);
+  step_rows(p, kLogScale, first, visible, s.rates[kLogScale], betas, stage, kByLogScale, log_scale);
+  step_rows(p, kRotation, first, visible, s.rates[kRotation], betas, stage, kByRotation, rotation);
   load_rows(p, kOpacity, first, visible, opacity);
   load_rows(p, kTime, first, visible, time);
   load_rows(p, kVelocity, first, visible, velocity);
   load_rows(p, kLogSigma, first, visible, log_sigma);
   if (learn_radius) load_rows(p, kRadius, first, visible, radius);
-  step_rows(p, kOpacity, first, visible, s.rates[kOpacity], stage, kByOpacity, opacity);
-  step_rows(p, kTime, first, visible, s.rates[kTime], stage, kByTime, time);
-  step_rows(p, kVelocity, first, visible, s.rates[kVelocity], stage, kVelocityField, velocity);
-  step_rows(p, kLogSigma, first, visible, s.rates[kLogSigma], stage, kSigmaField, log_sigma);
+  step_rows(p, kOpacity, first, visible, s.rates[kOpacity], betas, stage, kByOpacity, opacity);
+  step_rows(p, kTime, first, visible, s.rates[kTime], betas, stage, kByTime, time);
+  step_rows(p, kVelocity, first, visible, s.rates[kVelocity], betas, stage, kVelocityField,
+            velocity);
+  step_rows(p, kLogSigma, first, visible, s.rates[kLogSigma], betas, stage, kSigmaField, log_sigma);
   if (learn_radius)
-    step_rows(p, kRadius, first, visible, s.rates[kRadius], stage, kByRadius, radius);
+    step_rows(p, kRadius, first, visible, s.rates[kRadius], betas, stage, kByRadius, radius);
 }
 
 // The derived u and sigma from what update_parameters left in the primitive's stage; where it is
@@ -137,7 +152,8 @@ __device__ inline void derive(const Primitives& p, std::uint32_t i, bool modulat
 template <typename GradientOf>
 __device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsigned visible,
                                  int coefficients, const UpdateSettings& settings,
-                                 const float* stage, const GradientOf& gradient_of) {
+                                 const float* stage, const GradientOf& gradient_of,
+                                 AdamBetas betas = AdamBetas()) {
   constexpr int kAhead = 6;
   const unsigned used = 3u * static_cast<unsigned>(coefficients), stored = 3u * p.sh_coefficients;
   const std::size_t origin = static_cast<std::size_t>(first) * stored;
@@ -163,7 +179,7 @@ __device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsig
     for (int j = 0; j < kAhead; ++j) {
       if (own[j] == nullptr) continue;
       const float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient[j], rate[j],
-                               {own[j][kFirstFactor], own[j][kSecondRoot]});
+                               {own[j][kFirstFactor], own[j][kSecondRoot]}, betas);
       p.values[kSh][at[j]] = value;
       p.first[kSh][at[j]] = rows.first[j];
       p.second[kSh][at[j]] = rows.second[j];

@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ranks over MPI. A rank that cannot go on sends a note to every other; whoever waits looks for
+// notes too, so that all stop with the one error and nobody waits for ever.
+#include <dlfcn.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <climits>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "ranks/mpi_module.h"
+#include "stgs/encoder/ranks.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr const char* kModule = "stgs_mpi.so";
+// How long those that have failed wait for the others' last words, and then to be ended.
+constexpr auto kPatience = std::chrono::seconds(10);
+
+// A rank's last words.
+struct Note {
+  std::int32_t code = 0;
+  std::int32_t own = 0;      // the error began here, not on another rank
+  std::int32_t waiting = 0;  // a gather was left unfinished
+  char host[60] = "";
+  char text[2000] = "";
+};
+
+template <std::size_t kSize>
+void copy_text(const std::string& text, char (&to)[kSize]) {
+  const std::size_t n = std::min(text.size(), kSize - 1);
+  std::memcpy(to, text.data(), n);
+  to[n] = '\0';
+}
+
+class MpiWorld final : public World {
+ public:
+  Status load(const std::string& path);
+  Status init(const Launch& launch);
+
+  int rank() const override { return rank_; }
+  int size() const override { return size_; }
+  int node_rank() const override { return node_rank_; }
+  Status gather(const void* own, std::size_t bytes, void* all) override;
+  Status others() override;
+  Conclusion conclude(const Status& own) override;
+  void finish() override;
+
+ private:
+  Status mpi_status(int error, const char* what) const;
+  // Takes in the notes that have come.
+  Status read_notes();
+  Status status_of(int rank) const;
+  bool all_have_concluded() const;
+
+  const MpiFunctions* mpi_ = nullptr;
+  int rank_ = 0, size_ = 1, node_rank_ = 0;
+  std::vector<std::uint8_t> sent_, received_;
+  Note own_;
+  std::vector<std::optional<Note>> notes_;  // of every rank
+  bool waiting_ = false, failed_ = false;   // failed_: another rank has
+  int end_with_ = 0;                        // the exit code, where all have to be ended
+};
+
+Status MpiWorld::load(const std::string& path) {
+  // Global, because an MPI loads parts of itself that look for its symbols.
+  void* module = ::dlopen(path.c_str(), RTLD_NOW | RTLD_GLOBAL);
+  if (module == nullptr) return unsupported("MPI cannot be loaded: {}", ::dlerror());
+  const auto symbol = reinterpret_cast<MpiSymbol>(::dlsym(module, kMpiSymbol));
+  if (symbol == nullptr) return unsupported("{} belongs to another version of stgs", path);
+  mpi_ = symbol();
+  return {};
+}
+
+Status MpiWorld::init(const Launch& launch) {
+  STGS_TRY(mpi_status(mpi_->init(&rank_, &size_, &node_rank_), "starting"));
+  if (size_ != launch.size) {
+    return unsupported(
+        "{} has started {} processes, but MPI knows of {}: use the mpirun of the MPI that this "
+        "program was built with, or srun --mpi=pmix",
+        launch.starter, launch.size, size_);
+  }
+  notes_.resize(static_cast<std::size_t>(size_));
+  char host[sizeof(own_.host)] = "";
+  ::gethostname(host, sizeof(host) - 1);
+  copy_text(host, own_.host);
+  return {};
+}
+
+Status MpiWorld::mpi_status(int error, const char* what) const {
+  if (error == 0) return {};
+  char text[512] = "";
+  mpi_->describe(error, text, sizeof(text));
+  return runtime_error("MPI, {}: {}", what, text);
+}
+
+Status MpiWorld::read_notes() {
+  for (;;) {
+    Note note;
+    int from = -1;
+    STGS_TRY(mpi_status(mpi_->note_poll(&from, &note, sizeof(note)), "reading a note"));
+    if (from < 0) return {};
+    note.text[sizeof(note.text) - 1] = note.host[sizeof(note.host) - 1] = '\0';
+    notes_[static_cast<std::size_t>(from)] = note;
+    failed_ = failed_ || note.code != 0;
+  }
+}
+
+Status MpiWorld::status_of(int rank) const {
+  const Note& note = *notes_[static_cast<std::size_t>(rank)];
+  return {static_cast<StatusCode>(note.code),
+          fmt::format("process {} of {}, on {}: {}", rank + 1, size_, note.host, note.text)};
+}
+
+Status MpiWorld::others() {
+  STGS_TRY(read_notes());
+  for (int r = 0; r < size_; ++r) {
+    const std::optional<Note>& note = notes_[static_cast<std::size_t>(r)];
+    if (note && note->code != 0) return status_of(r);
+  }
+  return {};
+}
+
+Status MpiWorld::gather(const void* own, std::size_t bytes, void* all) {
+  STGS_TRY(others());
+  // Through memory of our own: MPI may still write to it after an error has ended the wait.
+  const auto* from = static_cast<const std::uint8_t*>(own);
+  sent_.assign(from, from + bytes);
+  received_.resize(bytes * static_cast<std::size_t>(size_));
+  STGS_TRY(mpi_status(mpi_->gather_begin(sent_.data(), bytes, received_.data()), "gathering"));
+  waiting_ = true;
+  for (;;) {
+    int done = 0;
+    STGS_TRY(mpi_status(mpi_->gather_done(&done), "gathering"));
+    if (done != 0) break;
+    STGS_TRY(others());
+    std::this_thread::yield();
+  }
+  waiting_ = false;
+  if (bytes > 0) std::memcpy(all, received_.data(), received_.size());
+  return {};
+}
+
+bool MpiWorld::all_have_concluded() const {
+  return std::all_of(notes_.begin(), notes_.end(), [](const auto& note) { return note; });
+}
+
+World::Conclusion MpiWorld::conclude(const Status& own) {
+  own_.code = static_cast<std::int32_t>(own.code());
+  own_.own = !own.ok() && !failed_;
+  own_.waiting = waiting_;
+  copy_text(own.message(), own_.text);
+  notes_[static_cast<std::size_t>(rank_)] = own_;
+  Status mpi = mpi_status(mpi_->note_send(&own_, sizeof(own_)), "sending a note");
+  // A rank that is well may have long to write; after an error none has.
+  std::optional<std::chrono::steady_clock::time_point> failure;
+  while (mpi.ok() && !all_have_concluded()) {
+    mpi = read_notes();
+    const auto now = std::chrono::steady_clock::now();
+    if (!failure && (failed_ || !own.ok())) failure = now;
+    if (failure && now - *failure > kPatience) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+
+  int source = -1, last = 0;  // the lowest rank with an error of its own; the lowest that speaks
+  bool alike = true, hanging = !mpi.ok() || !all_have_concluded();
+  for (int r = size_ - 1; r >= 0; --r) {
+    const std::optional<Note>& note = notes_[static_cast<std::size_t>(r)];
+    alike = alike && note && std::strcmp(note->text, own_.text) == 0;
+    hanging = hanging || note->waiting != 0;
+    if (!note) continue;
+    last = r;
+    if (note->code != 0 && (note->own != 0 || source < 0)) source = r;
+  }
+  Conclusion conclusion{own, last == rank_};
+  if (source >= 0 && !(source == rank_ && alike)) conclusion.status = status_of(source);
+  if (alike) conclusion.status = own;
+  if (conclusion.status.ok() && !mpi.ok()) conclusion.status = mpi;
+  if (hanging) end_with_ = std::max(1, static_cast<int>(conclusion.status.code()));
+  return conclusion;
+}
+
+void MpiWorld::finish() {
+  if (end_with_ == 0) {
+    (void)mpi_->finalize();
+    return;
+  }
+  // The lowest rank ends all; the others only where it does not.
+  if (rank_ != 0) std::this_thread::sleep_for(kPatience);
+  mpi_->abort(end_with_);
+}
+
+}  // namespace
+
+bool World::is_built() {
+  return STGS_HAS_MPI;
+}
+
+Result<std::unique_ptr<World>> World::join() {
+  const Launch launch = launch_of_environment();
+  if (launch.size == 1) return std::unique_ptr<World>();
+#if STGS_HAS_MPI
+  if (launch.size > kMaxRanks) {
+    return unsupported("{} has started {} processes; at most {} train together", launch.starter,
+                       launch.size, kMaxRanks);
+  }
+  std::error_code error;
+  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (error) return io_error("/proc/self/exe: cannot read: {}", error.message());
+  auto world = std::make_unique<MpiWorld>();
+  STGS_TRY(world->load((program.parent_path() / kModule).string()));
+  STGS_TRY(world->init(launch));
+  return std::unique_ptr<World>(std::move(world));
+#else
+  return not_built(
+      "{} has started {} processes, and this build has no MPI to train with them: build it where "
+      "an MPI is installed (STGS_WITH_MPI), or start one process",
+      launch.starter, launch.size);
+#endif
+}
+
+}  // namespace stgs::encoder

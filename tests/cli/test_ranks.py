@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training with two processes, started by mpirun."""
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+import unittest
+
+import harness
+from harness import CliTest
+
+USAGE, IO, RUNTIME, NOT_BUILT = 1, 2, 4, 6
+MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--bind-to", "none"]
+OPTIONS = ["--backend", "cpu", "--preset", "fast", "--max-primitives", "300", "--set",
+           "densify_interval=20", "--threads", "1"]
+
+
+class Ranks(CliTest):
+    def setUp(self):
+        super().setUp()
+        if not harness.built_in("mpi"):
+            self.skipTest("MPI is not built in: install libopenmpi-dev and configure again")
+        if shutil.which("mpirun") is None:
+            self.skipTest("there is no mpirun: install openmpi-bin")
+        # Open MPI leaves memory behind.
+        self.environment = dict(os.environ, ASAN_OPTIONS="detect_leaks=0")
+
+    def train(self, *more, capture=None):
+        return ["train", capture or self.fixture("prepared"), "-o", "out.stgs", *OPTIONS, *more]
+
+    def both(self, *commands):
+        """mpirun of one process a command; a single command is for two. What it printed."""
+        line = list(MPIRUN)
+        for command in commands:
+            line += [":"] if len(line) > len(MPIRUN) else []
+            line += ["-np", str(3 - len(commands)), harness.STGS, *map(str, command)]
+        return subprocess.run(line, cwd=self.work, env=self.environment, capture_output=True,
+                              text=True, timeout=120, check=False)
+
+    def both_succeed(self, *commands):
+        result = self.both(*commands)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.no_leftovers()
+        return result
+
+    def both_fail(self, code, message, *commands):
+        """One of the processes tells the error, and mpirun has its exit code."""
+        result = self.both(*commands)
+        self.assertEqual(result.returncode, code, result.stderr)
+        errors = re.findall(r"(?m)^stgs: error: .*$", result.stderr)
+        self.assertEqual(len(errors), 1, result.stderr)
+        self.assertRegex(errors[0], message)
+        self.assertFalse(os.path.exists(self.path("out.stgs")))
+        self.no_leftovers()
+
+    def test_two_train_one_scene(self):
+        args = self.train("--iterations", "600", "--log", "log.jsonl", "--format", "json")
+        self.succeeds(*args)
+        os.rename(self.path("out.stgs"), self.path("alone.stgs"))
+        # The first alone prints; that all hold the same state is checked at the end of the run.
+        result = self.both_succeed(args)
+        report = json.loads(result.stdout)
+        self.check_schema("train", report)
+        self.assertEqual((report["processes"], report["iterations"]), (2, 600))
+        self.assertEqual(result.stderr.count("training on cpu"), 1)
+        self.assertIn("2 processes, a view each in every step: the 600 iterations are views, which "
+                      "makes 300 steps", result.stderr)
+        lines = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
+        steps = [line["iteration"] for line in lines if "loss" in line]
+        self.assertEqual(steps, [2, *range(50, 601, 50)])
+        self.assertNotEqual(self.read("out.stgs"), self.read("alone.stgs"))
+
+    def test_the_same_run_gives_the_same_scene(self):
+        scenes = []
+        for _ in range(2):
+            self.both_succeed(self.train("--iterations", "300"))
+            scenes.append(self.read("out.stgs"))
+        self.assertEqual(scenes[0], scenes[1])
+
+    def stopped_at(self, share, stop, *args):
+        """mpirun of two that is stopped at a share of its run: its process, and what it printed."""
+        command = [*MPIRUN, "-np", "2", harness.STGS, *map(str, args), "--progress", "json"]
+        with subprocess.Popen(command, cwd=self.work, env=self.environment,
+                              stderr=subprocess.PIPE, text=True) as process:
+            for line in process.stderr:
+                progress = json.loads(line) if line.startswith("{") else {}
+                if progress.get("stage") == "train" and progress["done"] >= share:
+                    break
+            stop(process)
+            error = process.stderr.read()
+            process.wait(60)
+        self.assertNotEqual(process.returncode, 0)
+        self.assertFalse(os.path.exists(self.path("out.stgs")))
+        return error
+
+    def test_a_checkpoint_goes_on_with_the_same_number_and_with_another(self):
+        """To the same bytes with as many processes; with fewer it says so."""
+        args = self.train("--iterations", "10000", "--checkpoint", "run.ckpt")
+        self.both_succeed(args)
+        os.rename(self.path("out.stgs"), self.path("whole.stgs"))
+        os.remove(self.path("run.ckpt"))
+        error = self.stopped_at(0.05, lambda process: process.send_signal(signal.SIGTERM), *args)
+        self.assertRegex(error, r"stgs: error: interrupted: stopped at iteration \d*[02468]; go on "
+                                r"with --resume run.ckpt")
+        self.assertEqual(error.count("stgs: error"), 1)
+        self.no_leftovers()
+        shutil.copy(self.path("run.ckpt"), self.path("stopped.ckpt"))
+        self.both_succeed([*args, "--resume", "run.ckpt"])
+        self.assertEqual(self.read("out.stgs"), self.read("whole.stgs"))
+        result = self.succeeds(*args, "--resume", "stopped.ckpt")
+        self.assertIn("stopped.ckpt: 2 process(es) made it and 1 go(es) on",
+                      result.stderr.decode())
+        self.assertNotEqual(self.read("out.stgs"), self.read("whole.stgs"))
+
+    def test_an_error_of_one_ends_both(self):
+        bad = self.copy_capture("bad")
+        os.remove(os.path.join(bad, "frames", "b", "000002.png"))
+        good = self.train("--iterations", "50")
+        lacking = self.train("--iterations", "50", capture=bad)
+        self.both_fail(IO, "process 2 of 2, on .*/bad/frames/b/000002.png: cannot open", good,
+                       lacking)
+        self.both_fail(IO, "process 1 of 2, on .*/bad/frames/b/000002.png: cannot open", lacking,
+                       good)
+
+    def test_what_both_see_is_told_once(self):
+        self.both_fail(IO, "error: none/capture.json", self.train(capture="none"))
+        self.both_fail(IO, "error: none.ckpt", self.train("--resume", "none.ckpt"))
+
+    def test_both_must_be_started_alike(self):
+        first = self.train("--iterations", "50")
+        self.both_fail(USAGE, "process 2 of 2 has another capture or other settings than process 1",
+                       first, self.train("--iterations", "60"))
+        self.both_fail(USAGE, "process 2 of 2 has another checkpoint, log or measures", first,
+                       self.train("--iterations", "50", "--held-out", "3"))
+
+    def test_a_killed_process_takes_the_other_along(self):
+        ranks = []
+
+        def kill_the_second(process):
+            listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], check=True,
+                                    capture_output=True, text=True)
+            ranks.extend(map(int, listed.stdout.split()))
+            os.kill(ranks[-1], signal.SIGKILL)
+
+        self.stopped_at(0, kill_the_second, *self.train("--iterations", "1000000"))
+        self.assertEqual(len(ranks), 2)
+        until = time.monotonic() + 20
+        while any(map(self.lives, ranks)) and time.monotonic() < until:
+            time.sleep(0.1)
+        self.assertEqual([rank for rank in ranks if self.lives(rank)], [])
+
+    def lives(self, pid):
+        try:
+            with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+                return file.read().rsplit(")", 1)[1].split()[0] not in "ZX"
+        except FileNotFoundError:
+            return False
+
+
+class StartedAsSeveral(CliTest):
+    """What the environment alone says, without an mpirun."""
+
+    def run_in(self, code, message, args, **environment):
+        self.fails(code, message, *args, env={**os.environ, **environment})
+
+    def test_encode_runs_as_one(self):
+        for environment in ({"OMPI_COMM_WORLD_SIZE": "2"},
+                            {"SLURM_STEP_ID": "0", "SLURM_NTASKS": "4"}):
+            self.run_in(USAGE, "processes, and encode runs as one",
+                        ["encode", "capture", "-o", "out.stgs"], **environment)
+
+    def test_a_build_without_mpi_does_not_train_the_same_twice(self):
+        if harness.built_in("mpi"):
+            self.skipTest("MPI is built in")
+        self.run_in(NOT_BUILT, "mpirun has started 2 processes, and this build has no MPI",
+                    ["train", self.fixture("prepared"), "-o", "out.stgs"],
+                    OMPI_COMM_WORLD_SIZE="2")
+
+    def test_an_allocation_is_not_a_step(self):
+        """A plain start within sbatch or salloc is one process, whatever was asked for."""
+        args = ["train", self.fixture("prepared"), "-o", "out.stgs", "--iterations", "2", *OPTIONS]
+        for environment in ({"SLURM_NTASKS": "4"},
+                            {"SLURM_STEP_ID": "0", "SLURM_STEP_NUM_TASKS": "1",
+                             "SLURM_NTASKS": "4"},
+                            {"OMPI_COMM_WORLD_SIZE": "1"}):
+            self.succeeds(*args, env={**os.environ, **environment})
+
+
+if __name__ == "__main__":
+    unittest.main()
