@@ -206,7 +206,12 @@ bool World::is_built() {
 Result<std::unique_ptr<World>> World::join() {
   const Launch launch = launch_of_environment();
   if (launch.size == 1) return std::unique_ptr<World>();
-#if STGS_HAS_MPI
+  if (!is_built()) {
+    return not_built(
+        "{} has started {} processes, and this build has no MPI to train with them: build it where "
+        "an MPI is installed (STGS_WITH_MPI), or start one process",
+        launch.starter, launch.size);
+  }
   if (launch.size > kMaxRanks) {
     return unsupported("{} has started {} processes; at most {} train together", launch.starter,
                        launch.size, kMaxRanks);
@@ -218,12 +223,6 @@ Result<std::unique_ptr<World>> World::join() {
   STGS_TRY(world->load((program.parent_path() / kModule).string()));
   STGS_TRY(world->init(launch));
   return std::unique_ptr<World>(std::move(world));
-#else
-  return not_built(
-      "{} has started {} processes, and this build has no MPI to train with them: build it where "
-      "an MPI is installed (STGS_WITH_MPI), or start one process",
-      launch.starter, launch.size);
-#endif
 }
 
 }  // namespace stgs::encoder
