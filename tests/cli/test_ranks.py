@@ -140,24 +140,28 @@ class Ranks(CliTest):
         ranks = []
 
         def kill_the_second(process):
-            listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], check=True,
-                                    capture_output=True, text=True)
-            ranks.extend(map(int, listed.stdout.split()))
-            os.kill(ranks[-1], signal.SIGKILL)
+            ranks.extend(pid for pid in map(int, filter(str.isdigit, os.listdir("/proc")))
+                         if self.stat(pid)[1:2] == [str(process.pid)])
+            os.kill(max(ranks), signal.SIGKILL)
 
         self.stopped_at(0, kill_the_second, *self.train("--iterations", "1000000"))
         self.assertEqual(len(ranks), 2)
         until = time.monotonic() + 20
-        while any(map(self.lives, ranks)) and time.monotonic() < until:
-            time.sleep(0.1)
-        self.assertEqual([rank for rank in ranks if self.lives(rank)], [])
 
-    def lives(self, pid):
+        def living():
+            return [rank for rank in ranks if self.stat(rank)[:1] not in ([], ["Z"], ["X"])]
+
+        while living() and time.monotonic() < until:
+            time.sleep(0.1)
+        self.assertEqual(living(), [])
+
+    def stat(self, pid):
+        """State, parent and more of a process, as proc(5) has them; empty where it has gone."""
         try:
-            with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
-                return file.read().rsplit(")", 1)[1].split()[0] not in "ZX"
-        except FileNotFoundError:
-            return False
+            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
+                return file.read().rsplit(")", 1)[1].split()
+        except (FileNotFoundError, ProcessLookupError):
+            return []
 
 
 class StartedAsSeveral(CliTest):
