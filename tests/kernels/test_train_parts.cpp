@@ -17,6 +17,7 @@
 #include "train/densify_plan.h"
 #include "train/densify_rules.h"
 #include "train/random.h"
+#include "train/training_choice.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -398,8 +399,18 @@ TEST_CASE("a hyper-parameter out of its limits is named, with its value and its 
   REQUIRE(set_hyper_parameter(parameters, "iterations", "0").ok());
   CHECK(check_hyper_parameters(parameters).message() ==
         "the hyper-parameter iterations is 0; it must be from 1 to 100000000");
-  parameters = {};
-  REQUIRE(set_hyper_parameter(parameters, "initial_opacity", "1").ok());
-  CHECK(check_hyper_parameters(parameters).message().find("initial_opacity is 1;") !=
+  for (const auto& [name, value] : std::initializer_list<std::pair<const char*, const char*>>{
+           {"initial_opacity", "1"}, {"drop_share", "10"}, {"sigma_static", "0"}}) {
+    parameters = {};
+    REQUIRE(set_hyper_parameter(parameters, name, value).ok());
+    CHECK(
+        check_hyper_parameters(parameters).message().find(fmt::format("{} is {};", name, value)) !=
         std::string::npos);
+  }
+}
+
+TEST_CASE("a plan without cameras is for pictures that every term of the loss can take") {
+  const TrainPlan plan = train_plan({}, {}, {});
+  CHECK(plan.width >= kVggSmallest);
+  CHECK(plan.height >= kVggSmallest);
 }

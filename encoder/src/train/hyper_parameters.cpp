@@ -126,7 +126,10 @@ Status check_hyper_parameters(const HyperParameters& p) {
                         {"densify_interval", static_cast<double>(p.densify_interval), 1, 1e8},
                         // Of 0 and 1 the logit is no number.
                         {"initial_opacity", p.initial_opacity, 0.001, 0.999},
-                        {"initial_opacity_dynamic", p.initial_opacity_dynamic, 0.001, 0.999}};
+                        {"initial_opacity_dynamic", p.initial_opacity_dynamic, 0.001, 0.999},
+                        {"drop_share", p.drop_share, 0, 0.9},
+                        {"sigma_dynamic", p.sigma_dynamic, 0.001, 1e6},
+                        {"sigma_static", p.sigma_static, 0.001, 1e6}};
   for (const Limits& limits : all) {
     if (limits.value >= limits.least && limits.value <= limits.most) continue;
     return usage_error("the hyper-parameter {} is {}; it must be from {} to {}", limits.name,

@@ -15,6 +15,7 @@
 #include "train/densify_plan.h"
 #include "train/random.h"
 #include "train/start_camera.h"
+#include "train/step_schedule.h"
 
 namespace stgs::encoder {
 namespace {
@@ -27,10 +28,6 @@ constexpr double kLossMemory = 0.02;        // of the running mean, a step
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-float decayed(double first, double last, double share) {
-  return static_cast<float>(first * std::pow(last / first, share));
 }
 
 std::uint64_t peak_memory_bytes() {
@@ -197,7 +194,6 @@ Result<StepInput> Trainer::step_input() {
   // Of the run's views, this rank's.
   const std::uint64_t image = state_.iteration + static_cast<std::uint64_t>(ranks_.rank());
   const auto [camera, frame, level] = view_at(state_.iteration, ranks_.rank());
-  const double extent = capture_.extent;
   StepInput input;
   input.camera = images_.pinhole(camera, level, capture_.near_plane);
   input.ticks = static_cast<float>(frame);
@@ -208,42 +204,17 @@ Result<StepInput> Trainer::step_input() {
   input.background = state_.background;
   input.drop_share = static_cast<float>(p.drop_share);
   input.drop_random = Random(settings_.seed, image, RandomPurpose::kDrop);
-  input.sh_degree =
-      p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
   input.modulated = ablation_.modulation;
   input.learn_radius = ablation_.lifespan;
   input.second_stage = state_.second_stage != 0;
   input.gather_statistics = densify_plan(p, ablation_, done, false).gather;
-  input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
-  input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
-  if (state_.is_coupled()) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);
-  input.rates[kLogScale] = static_cast<float>(p.lr_scale);
-  input.rates[kRotation] = static_cast<float>(p.lr_rotation);
-  input.rates[kOpacity] = static_cast<float>(p.lr_opacity);
-  input.rates[kSh] = static_cast<float>(p.lr_sh_rest);
-  input.rates[kTime] = static_cast<float>(p.lr_time);
-  input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
-  input.rates[kRadius] = static_cast<float>(p.lr_radius);
-  input.rate_sh0 = static_cast<float>(p.lr_sh0);
-  input.rate_colour = static_cast<float>(p.lr_colour);
-  input.weight_l1 = static_cast<float>(p.weight_l1);
-  input.weight_ssim = static_cast<float>(p.weight_ssim);
-  input.weight_lifespan = static_cast<float>(p.weight_lifespan);
-  input.weight_opacity = static_cast<float>(p.weight_opacity);
-  input.weight_scale = static_cast<float>(p.weight_scale / capture_.scene_radius);
+  set_schedule(p, capture_, done, state_.is_coupled(), input);
   if (with_normals() && done >= p.normal_from)
     input.weight_normal = static_cast<float>(p.weight_normal);
   perceptual_.apply(settings_.seed, image, done, input);
   if (ranks_.ranks() != nullptr) {
     input.batch = batch_views();
-    // Fewer, larger steps, and means that forget as much in a view. A colour map has its steps a
-    // view, as ever.
-    const auto views = static_cast<float>(ranks_.size());
-    const float larger = std::pow(views, static_cast<float>(p.batch_rate));
-    for (float& rate : input.rates) rate *= larger;
-    input.rate_sh0 *= larger;
-    const float power = std::pow(views, static_cast<float>(p.batch_memory));
-    input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
+    set_batch_schedule(p, ranks_.size(), input);
   }
   return input;
 }
@@ -397,11 +368,13 @@ Status Trainer::run() {
     }
   }
   STGS_TRY(synchronise());
+  STGS_TRY(save_checkpoint());
+  // After the checkpoint, which takes the state from the backend once more.
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
   if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());
-  return save_checkpoint();
+  return {};
 }
 
 Scene Trainer::scene() const {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "perceptual/vgg_layers.h"
 #include "stgs/format/math/sh.h"
 #include "train/checkpoint.h"
 
@@ -26,7 +27,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
   TrainPlan plan;
   plan.primitives = static_cast<std::size_t>(choice.parameters.max_primitives);
   plan.sh_coefficients = math::sh_coefficients(choice.parameters.sh_degree);
-  plan.width = plan.height = 1;
+  plan.width = plan.height = kVggSmallest;  // where no camera is known, what every term takes
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     plan.width = std::max(plan.width, camera.width);

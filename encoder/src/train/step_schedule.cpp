@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "train/step_schedule.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "train/adam.h"
+
+namespace stgs::encoder {
+namespace {
+
+float decayed(double first, double last, double share) {
+  return static_cast<float>(first * std::pow(last / first, share));
+}
+
+}  // namespace
+
+void set_schedule(const HyperParameters& p, const PreparedCapture& capture, double done,
+                  bool coupled, StepInput& input) {
+  const double extent = capture.extent;
+  input.sh_degree =
+      p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
+  input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
+  input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
+  if (coupled) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);
+  input.rates[kLogScale] = static_cast<float>(p.lr_scale);
+  input.rates[kRotation] = static_cast<float>(p.lr_rotation);
+  input.rates[kOpacity] = static_cast<float>(p.lr_opacity);
+  input.rates[kSh] = static_cast<float>(p.lr_sh_rest);
+  input.rates[kTime] = static_cast<float>(p.lr_time);
+  input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
+  input.rates[kRadius] = static_cast<float>(p.lr_radius);
+  input.rate_sh0 = static_cast<float>(p.lr_sh0);
+  input.rate_colour = static_cast<float>(p.lr_colour);
+  input.weight_l1 = static_cast<float>(p.weight_l1);
+  input.weight_ssim = static_cast<float>(p.weight_ssim);
+  input.weight_lifespan = static_cast<float>(p.weight_lifespan);
+  input.weight_opacity = static_cast<float>(p.weight_opacity);
+  input.weight_scale = static_cast<float>(p.weight_scale / capture.scene_radius);
+}
+
+void set_batch_schedule(const HyperParameters& p, int views, StepInput& input) {
+  const auto many = static_cast<float>(views);
+  const float larger = std::pow(many, static_cast<float>(p.batch_rate));
+  for (float& rate : input.rates) rate *= larger;
+  input.rate_sh0 *= larger;
+  const float power = std::pow(many, static_cast<float>(p.batch_memory));
+  input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
+}
+
+}  // namespace stgs::encoder
