@@ -28,6 +28,7 @@ class ThreadRanks final : public encoder::Ranks {
   int rank() const override { return rank_; }
   int size() const override { return table_.size; }
   int node_rank() const override { return rank_; }
+  int node_size() const override { return table_.size; }
   Status gather(const void* own, std::size_t bytes, void* all) override {
     table_.given[static_cast<std::size_t>(rank_)] = own;
     table_.together.arrive_and_wait();

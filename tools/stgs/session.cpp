@@ -15,6 +15,8 @@
 #include <ctime>
 #include <system_error>
 
+#include "stgs/format/parallel.h"
+
 namespace stgs::tools {
 namespace {
 
@@ -57,16 +59,23 @@ std::string json_text(const Json& json, int indent) {
 }
 
 Status Session::start() {
-  if (options.threads > 0) {
-    thread_limit_ = std::make_shared<tbb::global_control>(
-        tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
-  }
+  if (options.threads > 0) limit_threads(options.threads);
   return {};
+}
+
+void Session::limit_threads(int threads) {
+  thread_limit_ = std::make_shared<tbb::global_control>(
+      tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
 }
 
 Status Session::join_world() {
   STGS_ASSIGN(world_, encoder::World::join());
   silent_ = !is_first();
+  if (world_ != nullptr && options.threads == 0) {
+    // Processes that were not given cores of their own share the machine's.
+    const auto cores = static_cast<int>(sysconf(_SC_NPROCESSORS_ONLN));
+    limit_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
+  }
   return {};
 }
 

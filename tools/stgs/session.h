@@ -61,6 +61,7 @@ class Session {
   bool progress(const std::string& stage, std::size_t done, std::size_t total);
 
  private:
+  void limit_threads(int threads);
   void show(const encoder::Progress& progress);
   void clear_bar();
 

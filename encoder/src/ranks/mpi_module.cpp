@@ -24,7 +24,7 @@ Module& module() {
   return one;
 }
 
-int init(int* rank, int* size, int* node_rank) {
+int init(int* rank, int* size, int* node_rank, int* node_size) {
   Module& m = module();
   int provided = 0;
   if (const int e = MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided)) return e;
@@ -38,6 +38,7 @@ int init(int* rank, int* size, int* node_rank) {
     return e;
   }
   if (const int e = MPI_Comm_rank(node, node_rank)) return e;
+  if (const int e = MPI_Comm_size(node, node_size)) return e;
   *rank = m.rank;
   *size = m.size;
   return MPI_Comm_free(&node);

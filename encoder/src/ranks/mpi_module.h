@@ -10,7 +10,7 @@ namespace stgs::encoder {
 
 // One thread calls. All but describe and abort return 0, or an error of MPI for describe.
 struct MpiFunctions {
-  int (*init)(int* rank, int* size, int* node_rank);
+  int (*init)(int* rank, int* size, int* node_rank, int* node_size);
   // One gather at a time, all of it in the background; `bytes` is a multiple of 4. The buffers are
   // MPI's until gather_done has set `done`.
   int (*gather_begin)(const void* own, std::size_t bytes, void* all);

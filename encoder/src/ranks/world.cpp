@@ -48,6 +48,7 @@ class MpiWorld final : public World {
   int rank() const override { return rank_; }
   int size() const override { return size_; }
   int node_rank() const override { return node_rank_; }
+  int node_size() const override { return node_size_; }
   Status gather(const void* own, std::size_t bytes, void* all) override;
   Status others() override;
   Conclusion conclude(const Status& own) override;
@@ -61,7 +62,7 @@ class MpiWorld final : public World {
   bool all_have_concluded() const;
 
   const MpiFunctions* mpi_ = nullptr;
-  int rank_ = 0, size_ = 1, node_rank_ = 0;
+  int rank_ = 0, size_ = 1, node_rank_ = 0, node_size_ = 1;
   std::vector<std::uint8_t> sent_, received_;
   Note own_;
   std::vector<std::optional<Note>> notes_;  // of every rank
@@ -80,7 +81,7 @@ Status MpiWorld::load(const std::string& path) {
 }
 
 Status MpiWorld::init(const Launch& launch) {
-  STGS_TRY(mpi_status(mpi_->init(&rank_, &size_, &node_rank_), "starting"));
+  STGS_TRY(mpi_status(mpi_->init(&rank_, &size_, &node_rank_, &node_size_), "starting"));
   if (size_ != launch.size) {
     return unsupported(
         "{} has started {} processes, but MPI knows of {}: use the mpirun of the MPI that this "

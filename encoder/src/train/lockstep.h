@@ -19,6 +19,7 @@ class Lockstep {
   Ranks* ranks() const { return ranks_; }
   int size() const { return ranks_ == nullptr ? 1 : ranks_->size(); }
   int rank() const { return ranks_ == nullptr ? 0 : ranks_->rank(); }
+  int node_size() const { return ranks_ == nullptr ? 1 : ranks_->node_size(); }
   // The rank that writes files, logs and progress.
   bool first() const { return rank() == 0; }
 

@@ -136,7 +136,8 @@ Status Trainer::prepare_backend() {
 
 // Last, since it takes longest.
 Status Trainer::load_frames() {
-  STGS_ASSIGN(images_, TrainingImages::load(capture_, settings_.frame_memory, progress_));
+  STGS_ASSIGN(images_, TrainingImages::load(capture_, settings_.frame_memory, ranks_.node_size(),
+                                            progress_));
   order_ = ViewOrder(settings_.seed, images_.views());
   const FrameStatistics frames = images_.statistics();
   constexpr double kMib = 1 << 20;

@@ -16,7 +16,7 @@ constexpr double kMemoryShare = 0.6;
 }  // namespace
 
 Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std::uint64_t budget,
-                                            const ProgressSink& progress) {
+                                            int processes, const ProgressSink& progress) {
   TrainingImages images;
   images.frames_ = capture.frames;
   for (const Camera& camera : capture.cameras) {
@@ -41,7 +41,8 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
     return load_frame(capture, cameras[view / frames], static_cast<int>(view % frames));
   };
   if (budget == 0) {
-    budget = static_cast<std::uint64_t>(kMemoryShare * static_cast<double>(available_memory()));
+    budget = static_cast<std::uint64_t>(kMemoryShare / processes *
+                                        static_cast<double>(available_memory()));
   }
   images.store_ = std::make_unique<FrameStore>(std::move(source), budget, concurrency());
   STGS_TRY(images.store_->start());

@@ -22,10 +22,10 @@ struct TrainingView {
 
 class TrainingImages {
  public:
-  // `budget`: bytes of memory for decoded frames; 0: a share of what is available. Where all frames
-  // fit they are decoded here.
+  // `budget`: bytes of memory for decoded frames; 0: a share of what is available to each of the
+  // `processes` on this machine. Where all frames fit they are decoded here.
   static Result<TrainingImages> load(const PreparedCapture& capture, std::uint64_t budget,
-                                     const ProgressSink& progress);
+                                     int processes, const ProgressSink& progress);
 
   // Training cameras only, in the capture's order.
   const std::vector<Camera>& cameras() const { return cameras_; }

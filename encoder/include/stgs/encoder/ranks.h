@@ -20,6 +20,8 @@ class Ranks {
   virtual int size() const = 0;
   // Among the ranks on this machine, from 0.
   virtual int node_rank() const = 0;
+  // Ranks on this machine, which share its memory and its cores.
+  virtual int node_size() const = 0;
   // all (size() x bytes) becomes what each rank gave as `own`, in the order of the ranks. `bytes`
   // is a multiple of 4 and the same on every rank. The error of another rank ends the wait.
   virtual Status gather(const void* own, std::size_t bytes, void* all) = 0;
