@@ -130,8 +130,19 @@ bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
 // Into head.index; the header, the metadata and the parts are there.
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
                  const ReadLimits& limits, FileHead& head, Findings& findings);
-// Whether a segment is the first of a part.
-bool begins_part(const std::vector<PartEntry>& parts, std::size_t segment);
+// Walks the parts once along the segments, since both may be as many as a file has room for.
+class PartCursor {
+ public:
+  // `parts`, not owned, must outlive it.
+  explicit PartCursor(std::span<const PartEntry> parts) : parts_(parts) {}
+  // Whether a segment, never one before the last that was asked for, is the first of a part.
+  bool begins_part(std::uint64_t segment);
+
+ private:
+  std::span<const PartEntry> parts_;
+  std::size_t next_ = 0;     // the first part that begins at the segment or after it
+  std::uint64_t first_ = 0;  // its first segment
+};
 // Tells each segment its part, where the index has those that the parts count.
 bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings);
 // That the window lies in its capture (spec 4.5).

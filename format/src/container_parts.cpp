@@ -65,13 +65,9 @@ void check_window(const SceneMetadata& metadata, Findings& findings) {
                  metadata.frames, window.first_frame, window.capture_frames);
 }
 
-bool begins_part(const std::vector<PartEntry>& parts, std::size_t segment) {
-  std::uint64_t first = 0;
-  for (const PartEntry& part : parts) {
-    if (first == segment) return true;
-    first += part.segments;
-  }
-  return false;
+bool PartCursor::begins_part(std::uint64_t segment) {
+  while (next_ < parts_.size() && first_ < segment) first_ += parts_[next_++].segments;
+  return next_ < parts_.size() && first_ == segment;
 }
 
 bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings) {

@@ -350,6 +350,7 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
   }
   const std::uint32_t frames = head.metadata.scene.frames;
   std::uint64_t body_at = head.header.head_bytes;
+  PartCursor parts(head.parts);
   for (std::uint32_t i = 0; i < segments; ++i) {
     const std::uint64_t at = offset + in.position();
     IndexEntry entry;
@@ -361,7 +362,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
     entry.primitives = in.u32();
     if (entry.layer != 0) continue;  // refinements, which the base does without (spec 5.7)
     if (!check_entry(entry, i, at, head.header, index, frames, body_at, findings)) return false;
-    if (!index.entries.empty() && !begins_part(head.parts, index.entries.size()) &&
+    const bool begins_part = parts.begins_part(index.entries.size());
+    if (!index.entries.empty() && !begins_part &&
         !comes_before(index.entries.back(), entry, index.chunk_ticks, frames)) {
       findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
       return false;

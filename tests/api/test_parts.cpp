@@ -155,6 +155,46 @@ TEST_CASE("parts that make no sense are not written") {
   CHECK(encode_scene(scene, {}).status().code() == StatusCode::kUsage);
 }
 
+TEST_CASE("a cursor finds the first segment of each part that has one, and no other") {
+  const std::vector<PartEntry> parts = {{0, 1, 0}, {0, 1, 2}, {0, 1, 0}, {0, 1, 0},
+                                        {0, 1, 1}, {0, 1, 3}, {0, 1, 0}};
+  PartCursor cursor(parts);
+  std::vector<std::uint64_t> first;
+  for (std::uint64_t segment = 0; segment < 9; ++segment) {
+    if (cursor.begins_part(segment)) first.push_back(segment);
+  }
+  CHECK(first == std::vector<std::uint64_t>{0, 2, 3, 6});  // 6: the last, which has none
+  PartCursor none(std::span<const PartEntry>{});
+  CHECK_FALSE(none.begins_part(0));
+}
+
+// Where each segment walks all parts this takes minutes, and ctest ends it.
+TEST_CASE("a head of as many parts as segments is read in one walk over both") {
+  constexpr std::uint32_t kMany = 600000;
+  const Bytes meta = metadata_record();
+  const Bytes parts = parts_record(std::vector<PartEntry>(kMany, {0, kFrames, 1}));
+  FileIndex index;
+  index.chunk_ticks = 5;
+  index.primitives = kMany;
+  std::uint64_t at =
+      kHeaderBytes + meta.size() + parts.size() + kRecordHeaderBytes + index_bytes(kMany, 0);
+  for (std::uint32_t i = 0; i < kMany; ++i, at += kRecordHeaderBytes) {
+    index.entries.push_back({-1, 0, 0, at, kRecordHeaderBytes, 1, 0});
+  }
+  Bytes file = file_of({meta, parts, write_record(kIndexTag, write_index(index))});
+  FileHeader header;
+  header.head_bytes = file.size();
+  header.file_bytes = at;
+  const Bytes start = write_header(header);
+  std::copy(start.begin(), start.end(), file.begin());
+  file.resize(at);
+  const auto reader = SceneReader::open(memory_source(std::move(file)));
+  INFO(reader.status().message());
+  REQUIRE(reader.ok());
+  CHECK((*reader)->parts().size() == kMany);
+  CHECK((*reader)->segments().back().part == kMany - 1);
+}
+
 TEST_CASE("damaged parts and windows are refused by number") {
   const Bytes meta = metadata_record(), index = index_record();
   const auto window = [](const CaptureWindow& w, std::uint32_t flags = 0) {
