@@ -115,6 +115,40 @@ TEST_CASE("a window has the capture's frames, points and clock from its first fr
   }
 }
 
+TEST_CASE("windows are trained alike where what is trained is the same, however it is written") {
+  TrainSettings settings;
+  settings.preset = "fast";
+  settings.backend = "cpu";
+  const auto id_of = [](const TrainSettings& of) {
+    const Result<std::uint64_t> id = settings_id(of);
+    INFO(id.status().message());
+    REQUIRE(id.ok());
+    return *id;
+  };
+  const std::uint64_t id = id_of(settings);
+  TrainSettings other = settings;
+  other.iterations = 3000;  // fast's own
+  other.overrides = {{"coarse_until", ".250"}};
+  other.seed = 9;
+  CHECK(id_of(other) == id);
+  other.overrides = {{"coarse_until", "0.26"}};
+  CHECK(id_of(other) != id);
+  other = settings;
+  other.max_seconds = 60;
+  CHECK(id_of(other) != id);
+  other = settings;
+  other.ablate = "lifespan,modulation";
+  const std::uint64_t ablated = id_of(other);
+  CHECK(ablated != id);
+  other.ablate = "modulation,lifespan";
+  CHECK(id_of(other) == ablated);
+  other.preset = "slow";
+  CHECK(settings_id(other).status().code() == StatusCode::kUsage);
+  other = settings;
+  other.perceptual_weights = "/nowhere/vgg16.safetensors";
+  CHECK(settings_id(other).status().code() == StatusCode::kIo);
+}
+
 TEST_CASE("windows trained apart and merged are as good as one, also at the seams") {
   const SyntheticCapture synthetic("windows_merge", 4, kFrames);
   const PreparedCapture& whole = synthetic.capture;

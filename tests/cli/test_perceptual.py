@@ -104,6 +104,16 @@ class Perceptual(CliTest):
                                 *self.train(*file, "--resume", "run.ckpt"))
             self.assertRegex(result.stderr, rb"\n  perceptual weights: [0-9a-f]{16}, now ")
 
+    def test_a_window_is_kept_where_its_weights_were_these(self):
+        for name, seed in (("w", 1), ("copy", 1), ("other", 2)):
+            self.write(f"{name}.safetensors", weights(True, seed))
+        args = self.train("--window", "6", "--perceptual-weights")
+        args[args.index("out.stgs")] = "parts"
+        self.succeeds(*args, "w.safetensors")
+        kept = self.succeeds(*args, "copy.safetensors").stdout.decode()
+        self.assertIn("000000-000006.stgs: is there already", kept)
+        self.fails(USAGE, "was trained with other settings", *args, "other.safetensors")
+
     def test_what_is_refused(self):
         good = weights(True)
         self.write("cut.safetensors", good[:1000000])

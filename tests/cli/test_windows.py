@@ -47,7 +47,11 @@ class Windows(CliTest):
                          [True, True, False])
         self.assertEqual(self.read("parts/000003-000006.stgs"), before)
         self.fails(USAGE, "000000-000003.stgs: is of another capture or was trained with other",
-                   *self.train("-o", "parts", *windows, "--seed", "9"))
+                   *self.train("-o", "parts", *windows, "--set", "lr_time=0.02"))
+        # What was trained counts, not how it was asked for.
+        for same in (["--set", "iterations=20"], ["--set", "lr_time=.010"], ["--seed", "9"]):
+            again = self.json_of(*self.train("-o", "parts", *windows, *same))
+            self.assertEqual([row["training"] for row in again["windows"]], [None] * 3)
 
     def test_a_window_is_measured_and_drawn_at_its_own_frames(self):
         self.succeeds(*self.train("-o", "part.stgs", "--frames", "4:6"))
@@ -84,7 +88,7 @@ class Windows(CliTest):
         self.json_of(*self.train("-o", "parts", "--window", "2"))
         parts = [f"parts/{name}.stgs" for name in ("000000-000002", "000002-000004",
                                                    "000004-000006")]
-        self.succeeds(*self.train("-o", "other.stgs", "--frames", "2:4", "--seed", "5"))
+        self.succeeds(*self.train("-o", "other.stgs", "--frames", "2:4", "--set", "lr_time=0.02"))
         self.succeeds(*self.train("-o", "whole.stgs"))
         cases = [
             (USAGE, "frames 2:4 are missing between", [parts[0], parts[2]]),
@@ -115,20 +119,35 @@ class Windows(CliTest):
     def test_a_stopped_window_goes_on_from_its_checkpoint(self):
         command = ["train", self.fixture("prepared"), "--preset", "fast", "--max-primitives", "300",
                    "--iterations", "1500", "--window", "3"]
+        names = ("000000-000003.stgs", "000003-000006.stgs")
         self.succeeds(*command, "-o", "straight")
-        with subprocess.Popen([harness.STGS, *command, "-o", "stopped", "--progress", "json"],
-                              cwd=self.work, stderr=subprocess.PIPE) as process:
-            for line in process.stderr:
-                first_done = os.path.exists(self.path("stopped/000000-000003.stgs"))
-                if first_done and b'"train"' in line and b'"done":0.' in line:
-                    break
-            process.send_signal(signal.SIGINT)
-            error = process.stderr.read().decode()
-        self.assertEqual(process.returncode, RUNTIME, error)
-        self.assertIn("000003-000006.stgs: stopped; the same command goes on", error)
-        self.assertEqual(sorted(os.listdir(self.path("stopped"))),
-                         ["000000-000003.stgs", "000003-000006.stgs.ckpt"])
-        self.succeeds(*command, "-o", "stopped")
-        for name in ("000000-000003.stgs", "000003-000006.stgs"):
-            self.assertEqual(self.read(f"stopped/{name}"), self.read(f"straight/{name}"))
-        self.assertEqual(len(os.listdir(self.path("stopped"))), 2)
+        for number in (signal.SIGINT, signal.SIGKILL):
+            with self.subTest(signal=number):
+                folder = f"stopped{number}"
+                checkpoint = self.path(f"{folder}/{names[1]}.ckpt")
+                with subprocess.Popen([harness.STGS, *command, "-o", folder, "--progress", "json"],
+                                      cwd=self.work, stderr=subprocess.PIPE) as process:
+                    for line in process.stderr:
+                        first_done = os.path.exists(self.path(f"{folder}/{names[0]}"))
+                        if number == signal.SIGKILL:
+                            if os.path.exists(checkpoint):
+                                break
+                        elif first_done and b'"train"' in line and b'"done":0.' in line:
+                            break
+                    process.send_signal(number)
+                    error = process.stderr.read().decode()
+                if number == signal.SIGINT:
+                    self.assertEqual(process.returncode, RUNTIME, error)
+                    self.assertIn(f"{names[1]}: stopped; the same command goes on", error)
+                else:
+                    self.assertEqual(process.returncode, -number, error)
+                self.assertEqual(sorted(os.listdir(self.path(folder))),
+                                 [names[0], f"{names[1]}.ckpt"])
+                told = self.succeeds(*command, "-o", folder).stderr.decode()
+                self.assertRegex(told, r"resumed at iteration \d+ from .*000003-000006")
+                for name in names:
+                    self.assertEqual(self.read(f"{folder}/{name}"), self.read(f"straight/{name}"))
+                # A kill after the file was written leaves the checkpoint.
+                self.write(f"{folder}/{names[1]}.ckpt", b"")
+                self.succeeds(*command, "-o", folder)
+                self.assertEqual(sorted(os.listdir(self.path(folder))), list(names))

@@ -3,7 +3,6 @@
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
-#include <limits>
 
 #include "encode_options.h"
 #include "options.h"
@@ -12,13 +11,23 @@
 namespace stgs::tools {
 namespace {
 
-// Whether the window has been trained, the same way; the error tells of another file in its place.
+std::string checkpoint_of(const std::string& path) {
+  return path + ".ckpt";
+}
+
+void remove_checkpoint(const std::string& path) {
+  std::error_code ignored;
+  std::filesystem::remove(checkpoint_of(path), ignored);
+}
+
+// Whether the window has been trained, the same way (settings_id); the error tells of another file
+// in its place.
 Result<bool> is_there(const std::string& path, const encoder::PreparedCapture& window,
-                      const encoder::TrainSettings& settings) {
+                      std::uint64_t training) {
   if (!std::filesystem::exists(path)) return false;
   STGS_ASSIGN(const auto reader, SceneReader::open(path));
   CaptureWindow wanted = *window.window;
-  wanted.training = encoder::settings_id(settings);
+  wanted.training = training;
   if (reader->metadata().window == wanted &&
       static_cast<int>(reader->metadata().frames) == window.frames) {
     return true;
@@ -33,8 +42,7 @@ Result<bool> is_there(const std::string& path, const encoder::PreparedCapture& w
 Status train_window(const encoder::PreparedCapture& window, const std::string& path,
                     const std::string& report_folder, encoder::TrainSettings settings,
                     Session& session, encoder::TrainReport& report) {
-  settings.checkpoint = path + ".ckpt";
-  settings.checkpoint_interval = std::numeric_limits<int>::max();
+  settings.checkpoint = checkpoint_of(path);
   if (std::filesystem::exists(settings.checkpoint)) settings.resume = settings.checkpoint;
   if (!report_folder.empty()) settings.log_path = report_folder + "/training.jsonl";
   const Status trained = train_to_file(window, path, report_folder, settings, session, report);
@@ -42,8 +50,7 @@ Status train_window(const encoder::PreparedCapture& window, const std::string& p
     return runtime_error("{}: stopped; the same command goes on from its checkpoint", path);
   }
   STGS_TRY(trained);
-  std::error_code ignored;
-  std::filesystem::remove(settings.checkpoint, ignored);
+  remove_checkpoint(path);
   return {};
 }
 
@@ -96,16 +103,18 @@ Status train_windows(const encoder::PreparedCapture& capture,
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return io_error("{}: cannot create: {}", folder, error.message());
+  STGS_ASSIGN(const std::uint64_t training, encoder::settings_id(settings));
   Json windows = Json::array();
   std::string text;
   for (const encoder::FrameSpan& span : spans) {
     const std::string name = fmt::format("{:06}-{:06}", span.begin, span.end);
     const std::string path = fmt::format("{}/{}.stgs", folder, name);
     STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
-    STGS_ASSIGN(const bool kept, is_there(path, window, settings));
+    STGS_ASSIGN(const bool kept, is_there(path, window, training));
     Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};
     row["training"] = nullptr;
     if (kept) {
+      remove_checkpoint(path);  // a kill between the two leaves it
       text += fmt::format("{}: is there already\n", path);
     } else {
       session.log(2, fmt::format("window {} of {}: frames {}:{}", windows.size() + 1, spans.size(),

@@ -27,6 +27,14 @@ std::vector<std::string> ablation_names() {
   return names;
 }
 
+std::vector<std::string> Ablation::names() const {
+  std::vector<std::string> names;
+  for (const Named& named : kNamed) {
+    if (!(this->*named.part)) names.emplace_back(named.name);
+  }
+  return names;
+}
+
 Result<Ablation> Ablation::from_names(const std::string& names) {
   Ablation ablation;
   std::string_view left = names;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "stgs/format/status.h"
 
@@ -22,6 +23,8 @@ struct Ablation {
 
   // Names with commas between; "" takes nothing away. The error lists the names.
   static Result<Ablation> from_names(const std::string& names);
+  // Of what is taken away, in one order.
+  std::vector<std::string> names() const;
 };
 
 }  // namespace stgs::encoder

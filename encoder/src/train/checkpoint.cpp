@@ -13,7 +13,9 @@
 namespace stgs::encoder {
 namespace {
 
+// The last is the layout's version; the others never change.
 constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '3'};
+constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
  public:
@@ -169,9 +171,14 @@ Result<Checkpoint> read_checkpoint(const std::string& path) {
   std::vector<std::uint8_t> bytes(source->size());
   STGS_TRY(source->read(0, bytes));
   constexpr std::size_t kHash = sizeof(std::uint64_t);
-  if (bytes.size() < sizeof(kMagic) + kHash ||
-      std::memcmp(bytes.data(), kMagic, sizeof(kMagic)) != 0) {
+  if (bytes.size() < sizeof(kMagic) + kHash || std::memcmp(bytes.data(), kMagic, kLayout) != 0) {
     return invalid_file("{}: not an STGS checkpoint", path);
+  }
+  if (bytes[kLayout] != static_cast<std::uint8_t>(kMagic[kLayout])) {
+    return unsupported(
+        "{}: the checkpoint of another version of stgs; go on with the version that wrote it, or "
+        "remove the checkpoint and train from the start",
+        path);
   }
   std::uint64_t stored = 0;
   std::memcpy(&stored, bytes.data() + bytes.size() - kHash, kHash);

@@ -21,7 +21,8 @@ struct Checkpoint {
 Status write_checkpoint(const std::string& path, const TrainState& state,
                         const Fingerprint& fingerprint);
 
-// Refuses damage (kInvalidFile). Whether it belongs to the run, check_same_run says.
+// Refuses damage (kInvalidFile) and the layout of another version (kUnsupported). Whether it
+// belongs to the run, check_same_run says.
 Result<Checkpoint> read_checkpoint(const std::string& path);
 
 // Of all that a checkpoint holds of the state.

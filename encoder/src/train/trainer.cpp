@@ -386,7 +386,9 @@ Scene Trainer::scene() const {
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
   metadata.metric = capture_.metric;
   metadata.window = capture_.window;
-  if (metadata.window) metadata.window->training = settings_id(settings_);
+  if (metadata.window) {
+    metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
+  }
   metadata.near_plane = capture_.near_plane;
   std::copy_n(&state_.background.x, 3, metadata.background);
   metadata.start_camera = start_camera(images_.cameras());

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/training_choice.h"
 
+#include <xxhash.h>
+
 #include <algorithm>
 
 #include "perceptual/vgg_layers.h"
+#include "stgs/encoder/windows.h"
 #include "stgs/format/math/sh.h"
 #include "train/checkpoint.h"
 
@@ -20,6 +23,25 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   STGS_TRY(check_hyper_parameters(choice.parameters));
   STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
   return choice;
+}
+
+std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
+                             const PerceptualTerm& perceptual) {
+  Fingerprint entries = list_hyper_parameters(choice.parameters);
+  entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
+  entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
+  entries.emplace_back("perceptual weights", perceptual.fingerprint());
+  const std::string text = fingerprint_text(entries);
+  return XXH3_64bits(text.data(), text.size());
+}
+
+Result<std::uint64_t> settings_id(const TrainSettings& settings) {
+  STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
+  STGS_ASSIGN(const std::unique_ptr<TrainBackend> backend, make_backend(settings.backend));
+  const auto silent = [](int, const std::string&) {};
+  STGS_ASSIGN(const PerceptualTerm perceptual,
+              PerceptualTerm::create(settings, choice.parameters, *backend, silent));
+  return settings_id_of(settings, choice, perceptual);
 }
 
 TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& perceptual,

@@ -81,16 +81,4 @@ Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMe
   return window;
 }
 
-std::uint64_t settings_id(const TrainSettings& settings) {
-  Json json = {{"preset", settings.preset},
-               {"iterations", settings.iterations},
-               {"max_primitives", settings.max_primitives},
-               {"max_seconds", settings.max_seconds},
-               {"seed", settings.seed},
-               {"ablate", settings.ablate},
-               {"perceptual", settings.perceptual_weights}};
-  for (const auto& [name, value] : settings.overrides) json["set"][name] = value;
-  return hash_of(json);
-}
-
 }  // namespace stgs::encoder

@@ -38,8 +38,11 @@ PreparedCapture whole_of(const PreparedCapture& window);
 Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMetadata& scene,
                                    const std::string& name);
 
-// The settings that a window's scene depends on, as a number: CaptureWindow::training.
-std::uint64_t settings_id(const TrainSettings& settings);
+// What windows must have been trained with alike to be merged, as a number:
+// CaptureWindow::training. The hyper-parameters as they are used, however they were written, the
+// ablation, the time limit and the content of the perceptual loss's file; not the seed. Reads that
+// file. kUsage where a setting is none, else the backend's or the file's error.
+Result<std::uint64_t> settings_id(const TrainSettings& settings);
 
 // A window's scene, with its name for messages.
 struct WindowScene {
