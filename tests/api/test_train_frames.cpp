@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "stgs/encoder/train.h"
+#include "stgs/format/parallel.h"
 #include "synthetic_capture.h"
 #include "train_run.h"
 
@@ -30,8 +31,25 @@ TEST_CASE("frames from disk give the same scene as frames in memory") {
     CHECK(same(resident->gaussians, streamed->gaussians));
     CHECK_FALSE(report.frames.resident);
     CHECK(report.frames.budget == budget);
-    CHECK(report.frames.peak <= budget);
+    // Beyond it the step's own picture, and those that are being decoded with their half sizes.
+    const auto others = static_cast<std::uint64_t>(2 * concurrency() + 2);
+    CHECK(report.frames.peak <= budget + others * 3 * 96 * 64);
     CHECK(report.frames.decoded > 18);
+  }
+}
+
+TEST_CASE("a training is stopped while its frames are loaded") {
+  const SyntheticCapture synthetic("train_stopped_loading");
+  TrainSettings settings = short_run(20);
+  for (const std::uint64_t memory : {0, 3 * 3 * 96 * 64}) {
+    settings.frame_memory = memory;
+    std::vector<std::string> stages;
+    const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
+      stages.push_back(progress.stage);
+      return false;
+    });
+    CHECK(stopped.status().code() == StatusCode::kRuntime);
+    CHECK(stages == std::vector<std::string>{"load"});
   }
 }
 

@@ -16,6 +16,7 @@
 #include "train/densify.h"
 #include "train/densify_plan.h"
 #include "train/densify_rules.h"
+#include "train/machine_memory.h"
 #include "train/random.h"
 #include "train/training_choice.h"
 
@@ -373,6 +374,45 @@ TEST_CASE("a checkpoint brings every number back, and refuses damage") {
   std::ofstream(path, std::ios::binary) << bytes.substr(0, bytes.size() / 2);
   CHECK(read_checkpoint(path).status().code() == StatusCode::kInvalidFile);
   std::remove(path.c_str());
+}
+
+TEST_CASE("a checkpoint of another layout is told from what is none") {
+  const std::string path = temporary_path("stgs_test_checkpoint_layout.ckpt");
+  REQUIRE(write_checkpoint(path, random_state(2, 9), {}).ok());
+  std::ifstream in(path, std::ios::binary);
+  std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  for (const char layout : {'2', '4'}) {
+    bytes[7] = layout;
+    std::ofstream(path, std::ios::binary) << bytes;
+    const Status status = read_checkpoint(path).status();
+    CHECK(status.code() == StatusCode::kUnsupported);
+    CHECK(status.message().find("another version of stgs; go on with") != std::string::npos);
+  }
+  bytes[6] = 'Q';
+  std::ofstream(path, std::ios::binary) << bytes;
+  CHECK(read_checkpoint(path).status().code() == StatusCode::kInvalidFile);
+  std::remove(path.c_str());
+}
+
+TEST_CASE("a control group's cached files are free memory, its shared memory is not") {
+  const std::filesystem::path root = temporary_path("stgs_test_groups");
+  const auto group = [&](const std::filesystem::path& name, const char* most, int held,
+                         const char* statistics) {
+    std::filesystem::create_directories(root / name);
+    std::ofstream(root / name / "memory.max") << most << '\n';
+    std::ofstream(root / name / "memory.current") << held << '\n';
+    std::ofstream(root / name / "memory.stat") << statistics;
+  };
+  group("job", "1000", 700, "anon 300\nfile 400\nshmem 150\n");
+  CHECK(group_room(root, "job") == 550);
+  group("job", "1000", 700, "anon 300\nfile 400\n");
+  CHECK(group_room(root, "job") == 700);
+  group("job/step", "max", 600, "file 400\nshmem 0\n");
+  CHECK(group_room(root, "job/step") == 700);
+  group("job/step", "100", 200, "file 50\nshmem 90\n");
+  CHECK(group_room(root, "job/step") == 0);
+  CHECK(group_room(root, "elsewhere") == ~std::uint64_t{0});
+  std::filesystem::remove_all(root);
 }
 
 TEST_CASE("what differs between two runs is named, with both values") {

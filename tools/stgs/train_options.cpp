@@ -29,7 +29,8 @@ void TrainOptions::declare(CLI::App& app) {
   app.add_option(
          "--frame-memory", frame_memory_,
          "Memory for decoded frames, such as 512M or 8G; what does not fit is decoded again "
-         "when it is needed. Else a share of what is free")
+         "when it is needed. Else a share of what is free. Frames that steps under way or threads "
+         "that decode still hold come on top")
       ->group(group);
   app.add_option("--resume", resume_,
                  "Checkpoint to go on from, bit for bit on the same kind of processor or GPU; on "

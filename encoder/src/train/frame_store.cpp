@@ -14,6 +14,8 @@ namespace {
 // decoded early takes the place of what would have been a hit.
 constexpr std::uint64_t kLookAhead = 64;
 constexpr std::uint64_t kRoomAhead = 8;  // at most an eighth of what there is room for
+// Views that a thread decodes between two reports: few wait for the last at the end of each.
+constexpr std::size_t kViewsPerReport = 4;
 
 std::uint64_t picture_bytes(int width, int height) {
   return std::uint64_t{3} * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
@@ -68,16 +70,32 @@ std::uint64_t FrameStore::bytes() const {
   return sum;
 }
 
-Status FrameStore::start() {
-  if (bytes() <= budget_) return load_all();
+Status FrameStore::start(const std::function<bool(std::size_t views)>& loaded) {
+  if (bytes() <= budget_) return load_all(loaded);
   for (int i = 0; i < thread_count_; ++i) threads_.emplace_back([this] { work(); });
   return {};
 }
 
-Status FrameStore::load_all() {
+Status FrameStore::load_all(const std::function<bool(std::size_t views)>& loaded) {
+  const std::size_t views = source_.views.size();
+  const std::size_t turn = kViewsPerReport * static_cast<std::size_t>(thread_count_);
+  for (std::size_t begin = 0; begin < views; begin += turn) {
+    const std::size_t end = std::min(begin + turn, views);
+    STGS_TRY(load(begin, end));
+    if (loaded && !loaded(end)) {
+      return runtime_error("stopped when {} of {} frames were loaded", end, views);
+    }
+  }
+  statistics_.resident = true;
+  statistics_.decoded = views;
+  used_ = bytes();
+  return {};
+}
+
+Status FrameStore::load(std::size_t begin, std::size_t end) {
   Status first_error;
   std::atomic<bool> failed = false;
-  parallel_for(std::size_t{0}, source_.views.size(), [&](std::size_t view) {
+  parallel_for(begin, end, [&](std::size_t view) {
     if (failed) return;
     Result<Image8> image = source_.decode(view);
     if (!image.ok()) {
@@ -87,16 +105,12 @@ Status FrameStore::load_all() {
       return;
     }
     Entry &full = entries_[id_of(view, 0)], &half = entries_[id_of(view, 1)];
-    half.pixels = std::make_shared<const Image8>(half_size(*image));
-    full.pixels = std::make_shared<const Image8>(std::move(*image));
+    half.pixels = counted(half_size(*image));
+    full.pixels = counted(std::move(*image));
     full.state = half.state = State::kReady;
     full.held = half.held = true;
   });
-  STGS_TRY(first_error);
-  statistics_.resident = true;
-  statistics_.decoded = source_.views.size();
-  statistics_.peak = used_ = bytes();
-  return {};
+  return first_error;
 }
 
 void FrameStore::announce(std::vector<std::uint64_t> ids) {
@@ -173,7 +187,21 @@ Result<Picture> FrameStore::acquire(std::uint64_t id) {
 
 FrameStatistics FrameStore::statistics() const {
   const std::lock_guard lock(mutex_);
-  return statistics_;
+  FrameStatistics statistics = statistics_;
+  statistics.peak = alive_->peak;
+  return statistics;
+}
+
+std::shared_ptr<const Image8> FrameStore::counted(Image8&& image) const {
+  const std::uint64_t bytes = image.data.size();
+  const std::uint64_t now = alive_->bytes += bytes;
+  std::uint64_t peak = alive_->peak;
+  while (peak < now && !alive_->peak.compare_exchange_weak(peak, now)) {
+  }
+  return {new Image8(std::move(image)), [alive = alive_, bytes](const Image8* pixels) {
+            delete pixels;
+            alive->bytes -= bytes;
+          }};
 }
 
 void FrameStore::work() {
@@ -221,7 +249,6 @@ bool FrameStore::make_room(std::uint64_t bytes, std::uint64_t use) {
 void FrameStore::hold(std::uint64_t id) {
   entries_[id].held = true;
   used_ += bytes_of(id);
-  statistics_.peak = std::max(statistics_.peak, used_);
 }
 
 void FrameStore::drop(std::uint64_t id) {
@@ -253,9 +280,9 @@ void FrameStore::decode(std::uint64_t id, std::unique_lock<std::mutex>& lock) {
     if (fresh) {
       Result<Image8> image = source_.decode(view);
       status = image.status();
-      if (image.ok()) full = std::make_shared<const Image8>(std::move(*image));
+      if (image.ok()) full = counted(std::move(*image));
     }
-    if (full != nullptr) pixels = half ? std::make_shared<const Image8>(half_size(*full)) : full;
+    if (full != nullptr) pixels = half ? counted(half_size(*full)) : full;
   } catch (const std::exception& error) {
     status = runtime_error("decoding a training frame: {}", error.what());
   }

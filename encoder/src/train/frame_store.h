@@ -6,9 +6,11 @@
 // Which pictures are handed out never depends on the budget or on timing.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <set>
 #include <thread>
@@ -48,8 +50,9 @@ class FrameStore {
 
   // Bytes of all pictures of both levels.
   std::uint64_t bytes() const;
-  // Decodes all where they fit, else starts the threads.
-  Status start();
+  // Decodes all where they fit, else starts the threads. `loaded`, on the caller's thread, is told
+  // now and then how many of the views have been decoded; false ends it: kRuntime.
+  Status start(const std::function<bool(std::size_t views)>& loaded = nullptr);
   // Announces which pictures will be acquired from now on; replaces what was announced before.
   void announce(std::vector<std::uint64_t> ids);
   // Announced pictures that have not been acquired yet.
@@ -71,8 +74,15 @@ class FrameStore {
     Status error;
   };
 
+  // Bytes of the pictures that are somewhere in memory, also where the store has let go of them.
+  struct Alive {
+    std::atomic<std::uint64_t> bytes{0}, peak{0};
+  };
+
   std::uint64_t bytes_of(std::uint64_t id) const;
-  Status load_all();
+  std::shared_ptr<const Image8> counted(Image8&& image) const;
+  Status load_all(const std::function<bool(std::size_t views)>& loaded);
+  Status load(std::size_t begin, std::size_t end);
   void work();
   // What to decode ahead, with room for it; kNeverUsed: nothing now.
   std::uint64_t next_job();
@@ -100,7 +110,9 @@ class FrameStore {
   std::uint64_t now_ = 0;     // use of the next picture to be acquired
   std::uint64_t looked_ = 0;  // uses up to here are ready or under way
   std::uint64_t used_ = 0;    // bytes held, those being decoded ahead included
-  FrameStatistics statistics_;
+  // Shared with the pictures, which may outlive the store.
+  const std::shared_ptr<Alive> alive_ = std::make_shared<Alive>();
+  FrameStatistics statistics_;  // but for the peak
 };
 
 }  // namespace stgs::encoder

@@ -12,6 +12,8 @@
 namespace stgs::encoder {
 namespace {
 
+constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+
 // The number after `name` in a file of "name number" lines.
 std::optional<std::uint64_t> field_of(const std::string& path, const std::string& name) {
   std::ifstream file(path);
@@ -37,34 +39,37 @@ std::uint64_t machine_room() {
          static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE)) / 2;
 }
 
-// What the process's control group and those around it leave (cgroup v2); cached files count as
-// free, for the kernel gives them up first.
-std::uint64_t group_room() {
+// Of the control group that the process is in (cgroup v2).
+std::uint64_t own_group_room() {
   std::ifstream file("/proc/self/cgroup");
   std::string line;
-  std::uint64_t room = ~std::uint64_t{0};
   while (std::getline(file, line)) {
-    if (line.rfind("0::/", 0) != 0) continue;
-    const std::filesystem::path root = "/sys/fs/cgroup";
-    for (std::filesystem::path group = line.substr(4);; group = group.parent_path()) {
-      const std::filesystem::path folder = root / group;
-      const auto most = number_in(folder / "memory.max");
-      const auto held = number_in(folder / "memory.current");
-      if (most && held) {
-        const std::uint64_t files = field_of((folder / "memory.stat").string(), "file").value_or(0);
-        const std::uint64_t used = *held - std::min(*held, files);
-        room = std::min(room, *most - std::min(*most, used));
-      }
-      if (group.empty()) break;
-    }
+    if (line.rfind("0::/", 0) == 0) return group_room("/sys/fs/cgroup", line.substr(4));
   }
-  return room;
+  return kNoLimit;
 }
 
 }  // namespace
 
+std::uint64_t group_room(const std::filesystem::path& root, std::filesystem::path group) {
+  std::uint64_t room = kNoLimit;
+  for (;; group = group.parent_path()) {
+    const std::filesystem::path folder = root / group;
+    const auto most = number_in(folder / "memory.max");
+    const auto held = number_in(folder / "memory.current");
+    if (most && held) {
+      const std::string statistics = (folder / "memory.stat").string();
+      const std::uint64_t files = field_of(statistics, "file").value_or(0);
+      const std::uint64_t shared = field_of(statistics, "shmem").value_or(0);
+      const std::uint64_t used = *held - std::min(*held, files - std::min(files, shared));
+      room = std::min(room, *most - std::min(*most, used));
+    }
+    if (group.empty()) return room;
+  }
+}
+
 std::uint64_t available_memory() {
-  return std::min(machine_room(), group_room());
+  return std::min(machine_room(), own_group_room());
 }
 
 }  // namespace stgs::encoder

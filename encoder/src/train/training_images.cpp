@@ -45,8 +45,15 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
                                         static_cast<double>(available_memory()));
   }
   images.store_ = std::make_unique<FrameStore>(std::move(source), budget, concurrency());
-  STGS_TRY(images.store_->start());
-  if (progress) progress({"load", 1.0, 0.0, fmt::format("{} frames", images.views())});
+  const auto views = static_cast<double>(images.views());
+  STGS_TRY(images.store_->start([&](std::size_t loaded) {
+    if (!progress || loaded == images.views()) return true;
+    const std::string detail = fmt::format("{} of {} frames", loaded, images.views());
+    return progress({"load", static_cast<double>(loaded) / views, -1, detail});
+  }));
+  if (progress && !progress({"load", 1.0, 0.0, fmt::format("{} frames", images.views())})) {
+    return runtime_error("stopped before the first step");
+  }
   return images;
 }
 

@@ -23,7 +23,8 @@ struct TrainingView {
 class TrainingImages {
  public:
   // `budget`: bytes of memory for decoded frames; 0: a share of what is available to each of the
-  // `processes` on this machine. Where all frames fit they are decoded here.
+  // `processes` on this machine. Where all frames fit they are decoded here; kRuntime where
+  // `progress` (stage "load") stops that.
   static Result<TrainingImages> load(const PreparedCapture& capture, std::uint64_t budget,
                                      int processes, const ProgressSink& progress);
 

@@ -53,8 +53,10 @@ struct PerceptualReport {
 
 // What became of the training frames.
 struct FrameStatistics {
-  std::uint64_t budget = 0;   // bytes of memory for decoded frames
-  std::uint64_t peak = 0;     // bytes held at once; steps under way may hold a few pictures more
+  std::uint64_t budget = 0;  // bytes of memory for decoded frames
+  // Bytes of decoded frames at once. Over the budget by those that steps under way hold when others
+  // have taken their place, and by full sizes from which half sizes are being made.
+  std::uint64_t peak = 0;
   bool resident = false;      // all were decoded before training
   std::uint64_t decoded = 0;  // frames, each as often as it was decoded
   std::uint64_t waits = 0;    // steps whose picture was not there in time
