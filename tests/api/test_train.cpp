@@ -245,7 +245,8 @@ TEST_CASE("a checkpoint is only for the settings and the capture that it was mad
   synthetic.capture.cameras[1].translation[0] += 0.01;
   const Status moved = run(synthetic, settings).status();
   CHECK(moved.code() == StatusCode::kUsage);
-  CHECK(moved.message().find("\n  camera cam01: 96x64, calibration ") != std::string::npos);
+  CHECK(moved.message().find("\n  camera cam01: number 1, 96x64, calibration ") !=
+        std::string::npos);
 }
 
 TEST_CASE("a checkpoint of another backend is resumed with a warning") {

@@ -415,6 +415,19 @@ TEST_CASE("a control group's cached files are free memory, its shared memory is 
   std::filesystem::remove_all(root);
 }
 
+TEST_CASE("a capture with its cameras in another order, or one less, is another") {
+  PreparedCapture capture;
+  capture.cameras.resize(3);
+  for (std::size_t i = 0; i < 3; ++i) capture.cameras[i].name = std::string(1, "abc"[i]);
+  const Fingerprint all = fingerprint_of(capture);
+  std::swap(capture.cameras[0], capture.cameras[2]);
+  const std::string swapped = check_same_run("k", all, fingerprint_of(capture)).message();
+  CHECK(swapped.find("camera a: number 1") != std::string::npos);
+  capture.cameras[0].test = true;
+  const std::string fewer = check_same_run("k", all, fingerprint_of(capture)).message();
+  CHECK(fewer.find("training cameras: 3, now 2") != std::string::npos);
+}
+
 TEST_CASE("what differs between two runs is named, with both values") {
   const Fingerprint found = {
       {"seed", "1"}, {"iterations", "30"}, {"frames", "6"}, {"backend", "cuda"}};

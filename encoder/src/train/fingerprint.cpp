@@ -36,15 +36,19 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
                      {"near_plane", fmt::format("{}", capture.near_plane)},
                      {"extent", fmt::format("{}", capture.extent)},
                      {"scene_radius", fmt::format("{}", capture.scene_radius)}};
+  int cameras = 0;
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;
     std::vector<double> numbers = {camera.fx, camera.fy, camera.cx, camera.cy};
     numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
     numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
     const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
+    // With its number, for the state goes by it.
     out.emplace_back("camera " + camera.name,
-                     fmt::format("{}x{}, calibration {:016x}", camera.width, camera.height, hash));
+                     fmt::format("number {}, {}x{}, calibration {:016x}", ++cameras, camera.width,
+                                 camera.height, hash));
   }
+  out.emplace_back("training cameras", std::to_string(cameras));
   return out;
 }
 
