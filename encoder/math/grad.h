@@ -109,19 +109,8 @@ STGS_FN CovarianceGrad covariance_grad(Quat q, Vec3 s, Sym3 d) {
   Vec3 gz = sym3_mul(g2, cz);
   CovarianceGrad g;
   g.scale = vec3_of(s.x * dot3(cx, gx), s.y * dot3(cy, gy), s.z * dot3(cz, gz));
-  float a = s.x * s.x;
-  float b = s.y * s.y;
-  float c = s.z * s.z;
-  Mat3 dr;
-  dr.xx = a * gx.x;
-  dr.yx = a * gx.y;
-  dr.zx = a * gx.z;
-  dr.xy = b * gy.x;
-  dr.yy = b * gy.y;
-  dr.zy = b * gy.z;
-  dr.xz = c * gz.x;
-  dr.yz = c * gz.y;
-  dr.zz = c * gz.z;
+  Mat3 dr = mat3_of_columns(vec3_scale(gx, s.x * s.x), vec3_scale(gy, s.y * s.y),
+                            vec3_scale(gz, s.z * s.z));
   g.rotation = rotation_grad(q, dr);
   return g;
 }
@@ -254,19 +243,9 @@ STGS_FN PrimitivePlaneGrad primitive_plane_grad(PinholeCamera camera, Vec3 posit
   PrimitivePlaneGrad g;
   g.position = mat3_transpose_mul(camera.rotation, vec3_scale(n, facing * d.distance));
   Vec3 column = mat3_transpose_mul(camera.rotation, by_n);
-  float x = axis == 0 ? 1.0f : 0.0f;
-  float y = axis == 1 ? 1.0f : 0.0f;
-  float z = axis == 2 ? 1.0f : 0.0f;
-  Mat3 dr;
-  dr.xx = x * column.x;
-  dr.yx = x * column.y;
-  dr.zx = x * column.z;
-  dr.xy = y * column.x;
-  dr.yy = y * column.y;
-  dr.zy = y * column.z;
-  dr.xz = z * column.x;
-  dr.yz = z * column.y;
-  dr.zz = z * column.z;
+  Mat3 dr = mat3_of_columns(vec3_scale(column, axis == 0 ? 1.0f : 0.0f),
+                            vec3_scale(column, axis == 1 ? 1.0f : 0.0f),
+                            vec3_scale(column, axis == 2 ? 1.0f : 0.0f));
   g.rotation = rotation_grad(q, dr);
   return g;
 }

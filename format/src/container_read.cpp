@@ -204,7 +204,7 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     return false;
   }
   if (header.file_bytes != source_bytes) {
-    findings.error(N::kFileSize, 16, "{}: {} bytes instead of {}",
+    findings.error(N::kFileSize, 16, "{}: {} bytes instead of {}; copy or fetch it again",
                    source_bytes < header.file_bytes ? "the file is truncated"
                                                     : "the file has bytes after its end",
                    source_bytes, header.file_bytes);

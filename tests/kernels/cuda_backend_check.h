@@ -7,6 +7,9 @@
 #include <vector>
 
 #include "backend/cuda/cuda_backend.h"
+#include "stgs/encoder/train.h"
+#include "synthetic_capture.h"
+#include "train_run.h"
 
 namespace stgs::testing {
 
@@ -65,6 +68,31 @@ inline encoder::DensifyCounts densify_alike(encoder::TrainState& cpu, encoder::T
   CHECK(gpu.statistics.views == cpu.statistics.views);
   CHECK(gpu.statistics.error_max == cpu.statistics.error_max);
   return *expected;
+}
+
+// Trains to a held-out PSNR above `least`, dB, then again with a stop at iteration 235, from where
+// it goes on to the same bits.
+inline void check_resumes(const test::SyntheticCapture& synthetic, encoder::TrainSettings settings,
+                          double least) {
+  const Result<Scene> whole =
+      encoder::train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(whole.status());
+  CHECK(test::held_out_psnr(synthetic, *whole) > least);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  settings.checkpoint_interval = 235;
+  int stops = 0;
+  const auto stop = [&](const encoder::Progress& progress) {
+    const bool here = progress.stage == "train" && progress.detail.find("iteration 235,") == 0;
+    stops += here;
+    return !here;
+  };
+  CHECK_FALSE(encoder::train(synthetic.capture, settings, stop, nullptr, nullptr).ok());
+  CHECK(stops == 1);
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed =
+      encoder::train(synthetic.capture, settings, nullptr, nullptr, nullptr);
+  check(resumed.status());
+  CHECK(test::same(resumed->gaussians, whole->gaussians));
 }
 
 }  // namespace stgs::testing

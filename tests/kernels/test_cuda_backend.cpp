@@ -35,17 +35,6 @@ std::vector<float> flat(const std::vector<ColourMap>& maps) {
   return all;
 }
 
-bool same_bits(const TrainState& a, const TrainState& b) {
-  bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
-              a.set.sigma == b.set.sigma && a.statistics.error_max == b.statistics.error_max &&
-              a.statistics.gradient_sum == b.statistics.gradient_sum;
-  for (int k = 0; k < kAttributes; ++k) {
-    same = same && a.values(k) == b.values(k) && a.moments[k].first == b.moments[k].first &&
-           a.moments[k].second == b.moments[k].second;
-  }
-  return same;
-}
-
 // Runs `steps` steps over a few moments and cameras, each as `change` leaves it; what each gave.
 std::vector<StepOutput> run(TrainBackend& backend, TrainState& state, const Case& c, int steps,
                             const std::vector<Image8>& truths,
@@ -390,25 +379,7 @@ TEST_CASE("training on CUDA recovers a held-out view, and resumes to the same bi
   settings.iterations = 600;
   settings.max_primitives = 600;
   settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
-  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
-  check(whole.status());
-  CHECK(test::held_out_psnr(synthetic, *whole) > 24.0);
-
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  settings.checkpoint_interval = 235;
-  int calls = 0;
-  const auto stop = [&](const Progress& progress) {
-    return !(progress.stage == "train" && progress.detail.find("iteration 235,") == 0 && ++calls);
-  };
-  const Result<Scene> stopped = train(synthetic.capture, settings, stop, nullptr, nullptr);
-  CHECK(!stopped.ok());
-  CHECK(calls == 1);
-  settings.resume = settings.checkpoint;
-  const Result<Scene> resumed = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
-  check(resumed.status());
-  CHECK(resumed->gaussians.position == whole->gaussians.position);
-  CHECK(resumed->gaussians.sh == whole->gaussians.sh);
-  CHECK(resumed->gaussians.opacity_logit == whole->gaussians.opacity_logit);
+  check_resumes(synthetic, settings, 24.0);
 }
 
 int main(int argc, char** argv) {

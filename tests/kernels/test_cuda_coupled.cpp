@@ -19,23 +19,9 @@ namespace {
 
 constexpr int kWidth = 160, kHeight = 96;
 
-// Away from round, whose axes are anybody's, and from the start: what some training would leave.
 TrainState coupled_state(std::size_t n) {
   Gaussians4D set = random_scene(n, scene_camera(kWidth, kHeight), 5, {.sh_degree = 2});
-  for (std::size_t i = 0; i < n; ++i) {
-    std::fill_n(&set.log_scale[3 * i], 3, set.log_scale[3 * i]);
-    const float identity[4] = {1, 0, 0, 0};
-    std::copy_n(identity, 4, &set.rotation[4 * i]);
-  }
-  TrainState state = train_state(std::move(set), 1);
-  start_coupled(state, 1.0f / 30.0f);
-  std::mt19937 random(8);
-  std::normal_distribution<float> normal(0.0f, 1.0f);
-  for (float& v : state.coupled.left) v += 0.05f * normal(random);
-  for (float& v : state.coupled.right) v += 0.01f * normal(random);
-  for (float& v : state.coupled.log_scale) v += 0.5f * normal(random);
-  state.derive_all(false);
-  return state;
+  return testing::coupled_state(std::move(set), 1, 1.0f / 30.0f);
 }
 
 StepInput coupled_step(const Image8& truth) {
@@ -132,22 +118,5 @@ TEST_CASE("the coupled form trains on CUDA, and resumes to the same bits") {
   settings.iterations = 400;
   settings.max_primitives = 600;
   settings.overrides = {{"densify_interval", "20"}, {"sh_degree", "1"}};
-  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
-  check(whole.status());
-  const double psnr = test::held_out_psnr(synthetic, *whole);
-  std::printf("  coupled held-out PSNR %.2f dB\n", psnr);
-  CHECK(psnr > 22.0);
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  settings.checkpoint_interval = 235;
-  const auto stop = [&](const Progress& progress) {
-    return progress.stage != "train" || progress.detail.find("iteration 235,") != 0;
-  };
-  REQUIRE_FALSE(train(synthetic.capture, settings, stop, nullptr, nullptr).ok());
-  settings.resume = settings.checkpoint;
-  const Result<Scene> resumed = train(synthetic.capture, settings, nullptr, nullptr, nullptr);
-  check(resumed.status());
-  CHECK(resumed->gaussians.position == whole->gaussians.position);
-  CHECK(resumed->gaussians.rotation == whole->gaussians.rotation);
-  CHECK(resumed->gaussians.log_scale == whole->gaussians.log_scale);
-  CHECK(resumed->gaussians.velocity == whole->gaussians.velocity);
+  check_resumes(synthetic, settings, 22.0);
 }

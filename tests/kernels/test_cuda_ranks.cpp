@@ -53,24 +53,7 @@ TrainState start_of(const Case& c) {
   if (c.crowded) shape = {3, -0.5f, 0.5f};
   shape.sh_degree = 3;
   Gaussians4D set = random_scene(c.primitives, scene_camera(c.width, c.height), 5, shape);
-  if (c.coupled) {
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      std::fill_n(&set.log_scale[3 * i], 3, set.log_scale[3 * i]);
-      std::fill_n(&set.rotation[4 * i], 4, 0.0f);
-      set.rotation[4 * i] = 1.0f;
-    }
-  }
-  TrainState state = train_state(std::move(set), 3);
-  if (!c.coupled) return state;
-  start_coupled(state, 0.1f);
-  // Away from round, whose axes are anybody's.
-  std::mt19937 random(8);
-  std::normal_distribution<float> normal(0.0f, 1.0f);
-  for (float& v : state.coupled.left) v += 0.05f * normal(random);
-  for (float& v : state.coupled.right) v += 0.01f * normal(random);
-  for (float& v : state.coupled.log_scale) v += 0.5f * normal(random);
-  state.derive_all(false);
-  return state;
+  return c.coupled ? coupled_state(std::move(set), 3, 0.1f) : train_state(std::move(set), 3);
 }
 
 StepInput input_of(const Case& c, const std::vector<Image8>& truths, int rank, int step) {
@@ -144,17 +127,6 @@ Outcome run(const Case& c, bool on_cuda) {
   });
   for (const Status& status : outcome.statuses) check(status);
   return outcome;
-}
-
-bool same_bits(const TrainState& a, const TrainState& b) {
-  bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
-              a.set.sigma == b.set.sigma && a.statistics.error_max == b.statistics.error_max &&
-              a.statistics.gradient_sum == b.statistics.gradient_sum;
-  for (int k = 0; k < kAttributes; ++k) {
-    same = same && a.values(k) == b.values(k) && a.moments[k].first == b.moments[k].first &&
-           a.moments[k].second == b.moments[k].second;
-  }
-  return same;
 }
 
 }  // namespace

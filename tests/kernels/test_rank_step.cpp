@@ -71,16 +71,6 @@ void take(TrainBackend& backend, TrainState& state, const StepInput& input, int 
   }
 }
 
-bool same_bits(const TrainState& a, const TrainState& b) {
-  bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
-              a.statistics.gradient_sum == b.statistics.gradient_sum;
-  for (int k = 0; k < kAttributes; ++k) {
-    same = same && a.values(k) == b.values(k) && a.moments[k].first == b.moments[k].first &&
-           a.moments[k].second == b.moments[k].second;
-  }
-  return same;
-}
-
 }  // namespace
 
 TEST_CASE("a step of several ranks has the plain mean of their gradients") {

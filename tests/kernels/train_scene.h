@@ -2,6 +2,7 @@
 // States and steps of a random scene, for the training backends' tests and benchmarks.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "backend/backend.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"
+#include "train/coupled_state.h"
 
 namespace stgs::testing {
 
@@ -82,6 +84,37 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   input.weight_opacity = 1e-2f;
   input.weight_scale = 1e-2f;
   return input;
+}
+
+// Whether two states are the same to the bit, in all that a step changes.
+inline bool same_bits(const encoder::TrainState& a, const encoder::TrainState& b) {
+  bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
+              a.set.sigma == b.set.sigma && a.statistics.error_max == b.statistics.error_max &&
+              a.statistics.gradient_sum == b.statistics.gradient_sum;
+  for (int k = 0; k < encoder::kAttributes; ++k) {
+    same = same && a.values(k) == b.values(k) && a.moments[k].first == b.moments[k].first &&
+           a.moments[k].second == b.moments[k].second;
+  }
+  return same;
+}
+
+// The set in the coupled form, away from round, whose axes are anybody's, and from the start: what
+// some training would leave. `tick`: units of time a frame.
+inline encoder::TrainState coupled_state(Gaussians4D set, std::size_t cameras, float tick) {
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    std::fill_n(&set.log_scale[3 * i], 3, set.log_scale[3 * i]);
+    std::fill_n(&set.rotation[4 * i], 4, 0.0f);
+    set.rotation[4 * i] = 1.0f;
+  }
+  encoder::TrainState state = train_state(std::move(set), cameras);
+  encoder::start_coupled(state, tick);
+  std::mt19937 random(8);
+  std::normal_distribution<float> normal(0.0f, 1.0f);
+  for (float& v : state.coupled.left) v += 0.05f * normal(random);
+  for (float& v : state.coupled.right) v += 0.01f * normal(random);
+  for (float& v : state.coupled.log_scale) v += 0.5f * normal(random);
+  state.derive_all(false);
+  return state;
 }
 
 }  // namespace stgs::testing

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // NCCL as the machine has it: opened at run time, so that the program starts without it.
-#include <dlfcn.h>
 #include <nccl.h>
 
 #include <cstring>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 #include "backend/cuda/memory.h"
 #include "backend/cuda/rank_exchange.h"
+#include "backend/cuda/shared_library.h"
 
 namespace stgs::encoder::cuda {
 namespace {
@@ -42,26 +41,16 @@ Status missing(const std::string& why) {
 }
 
 Result<Nccl> Nccl::load() {
-  void* library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-  if (library == nullptr) {
-    const char* text = dlerror();
-    return missing(text != nullptr ? text : "unknown error");
-  }
-  const char* absent = nullptr;
-  const auto find = [&](auto& function, const char* name) {
-    void* address = dlsym(library, name);
-    if (address == nullptr) absent = name;
-    function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(address);
-  };
+  SharedLibrary library(kLibrary);
   Nccl nccl{};
-  find(nccl.get_unique_id, "ncclGetUniqueId");
-  find(nccl.init_rank, "ncclCommInitRank");
-  find(nccl.destroy, "ncclCommDestroy");
-  find(nccl.abort, "ncclCommAbort");
-  find(nccl.async_error, "ncclCommGetAsyncError");
-  find(nccl.all_gather, "ncclAllGather");
-  find(nccl.error_string, "ncclGetErrorString");
-  if (absent != nullptr) return missing(fmt::format("{} has no {}", kLibrary, absent));
+  library.find(nccl.get_unique_id, "ncclGetUniqueId");
+  library.find(nccl.init_rank, "ncclCommInitRank");
+  library.find(nccl.destroy, "ncclCommDestroy");
+  library.find(nccl.abort, "ncclCommAbort");
+  library.find(nccl.async_error, "ncclCommGetAsyncError");
+  library.find(nccl.all_gather, "ncclAllGather");
+  library.find(nccl.error_string, "ncclGetErrorString");
+  if (!library.problem().empty()) return missing(library.problem());
   return nccl;
 }
 

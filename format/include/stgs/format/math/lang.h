@@ -78,6 +78,20 @@ STGS_FN float dot3(Vec3 a, Vec3 b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+STGS_FN Mat3 mat3_of_columns(Vec3 x, Vec3 y, Vec3 z) {
+  Mat3 m;
+  m.xx = x.x;
+  m.yx = x.y;
+  m.zx = x.z;
+  m.xy = y.x;
+  m.yy = y.y;
+  m.zy = y.z;
+  m.xz = z.x;
+  m.yz = z.y;
+  m.zz = z.z;
+  return m;
+}
+
 STGS_FN Vec3 mat3_mul(Mat3 m, Vec3 v) {
   return vec3_of(m.xx * v.x + m.xy * v.y + m.xz * v.z, m.yx * v.x + m.yy * v.y + m.yz * v.z,
                  m.zx * v.x + m.zy * v.y + m.zz * v.z);
