@@ -105,7 +105,7 @@ std::vector<std::uint32_t> surviving(const TrainState& state, const DensifyRules
 }  // namespace
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context) {
-  return {static_cast<float>(parameters.prune_opacity),
+  return {static_cast<float>(context.plain ? parameters.plain_prune : parameters.prune_opacity),
           static_cast<float>(parameters.prune_scale) * context.extent,
           static_cast<float>(parameters.split_scale) * context.extent,
           static_cast<float>(parameters.clone_gradient),
@@ -139,8 +139,8 @@ std::size_t remove_broken(TrainState& state) {
   return broken;
 }
 
-void reset_opacity(TrainState& state) {
-  const float cap = std::log(kResetOpacity / (1.0f - kResetOpacity));
+void reset_opacity(TrainState& state, const DensifyRules& rules) {
+  const float cap = reset_logit(rules);
   for (std::size_t i = 0; i < state.size(); ++i) {
     float& logit = state.set.opacity_logit[i];
     if (logit <= cap) continue;

@@ -50,7 +50,8 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
 // Removes primitives with a value that is not finite; how many.
 std::size_t remove_broken(TrainState& state);
 
-// Caps every opacity at 0.01, so that what is not needed dies (3DGS; first stage only).
-void reset_opacity(TrainState& state);
+// Caps every opacity at twice what is pruned, so that what is not needed dies (3DGS; first stage
+// only).
+void reset_opacity(TrainState& state, const DensifyRules& rules);
 
 }  // namespace stgs::encoder

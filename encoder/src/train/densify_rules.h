@@ -12,7 +12,6 @@ namespace stgs::encoder {
 
 inline constexpr float kSplitShrink = 1.6f;  // of the standard deviations of both halves (3DGS)
 inline constexpr float kCloneSpread = 0.3f;  // share of the own size that a clone is moved by
-inline constexpr float kResetOpacity = 0.01f;
 // Random numbers that a clone and a split take.
 inline constexpr std::uint32_t kCloneDraws = 3 * Random::kNormalDraws;
 inline constexpr std::uint32_t kSplitDraws = 2 * kCloneDraws;
@@ -38,6 +37,12 @@ STGS_FN float largest_scale(math::Vec3 log_scale) {
 STGS_FN bool survives(const DensifyRules& rules, float opacity_logit, math::Vec3 log_scale) {
   return !(math::opacity_of(opacity_logit) < rules.prune_opacity) &&
          largest_scale(log_scale) < rules.too_large;
+}
+
+// What a reset caps opacities at: above what is pruned by as much as in 3DGS.
+STGS_FN float reset_logit(const DensifyRules& rules) {
+  const float cap = math::smaller(2.0f * rules.prune_opacity, 0.5f);
+  return std::log(cap / (1.0f - cap));
 }
 
 STGS_FN bool is_split(const DensifyRules& rules, math::Vec3 log_scale) {

@@ -24,6 +24,8 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("lr_position_final", p.lr_position_final);
   visit("lr_velocity", p.lr_velocity);
   visit("lr_velocity_final", p.lr_velocity_final);
+  visit("velocity_shrink", p.velocity_shrink);
+  visit("still_from", p.still_from);
   visit("lr_scale", p.lr_scale);
   visit("lr_rotation", p.lr_rotation);
   visit("lr_opacity", p.lr_opacity);
@@ -45,6 +47,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("densify_interval", p.densify_interval);
   visit("opacity_resets", p.opacity_resets);
   visit("plain_until", p.plain_until);
+  visit("plain_prune", p.plain_prune);
   visit("plain_reset", p.plain_reset);
   visit("perceptual_from", p.perceptual_from);
   visit("perceptual_patch", p.perceptual_patch);
@@ -92,6 +95,7 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
   if (preset == "best") {
     p.iterations = 30000;
     p.max_primitives = 200000;
+    p.prune_opacity = 0.005;
     p.drop_share = 0.1;
     return p;
   }

@@ -30,6 +30,8 @@ struct HyperParameters {
   double lr_position_final = 1.6e-6;
   double lr_velocity = 1.6e-3;
   double lr_velocity_final = 1.6e-5;
+  double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity
+  double still_from = 0.25;    // long: sigma + r above this share of the clip
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
   double lr_opacity = 5e-2;
@@ -37,7 +39,7 @@ struct HyperParameters {
   double lr_sh_rest = 1.25e-4;
   double lr_time = 1e-2;
   double lr_sigma = 5e-3;   // of log sigma
-  double lr_radius = 2e-2;  // frames
+  double lr_radius = 1e-2;  // frames
   double lr_colour = 1e-3;  // per-camera affine colour
   // A step over R views, one a process: the rates but lr_colour times R^batch_rate, Adam's decay
   // factors to the power R^batch_memory.
@@ -55,6 +57,7 @@ struct HyperParameters {
   int densify_interval = 100;   // iterations
   int opacity_resets = 0;       // spread evenly over the first stage
   double plain_until = 0.5;     // growth where the densification is ablated (3DGS, 4DGS)
+  double plain_prune = 0.005;   // prune_opacity there (3DGS)
   double plain_reset = 0.1;     // opacity resets there, one each such share (3DGS, 4DGS)
 
   // The perceptual loss.
@@ -64,9 +67,9 @@ struct HyperParameters {
   // Densification. Gradients are of the loss by image position, in half image widths.
   double clone_gradient = 2e-4;
   double split_gradient = 4e-4;
-  double split_scale = 0.01;  // larger ones split, smaller ones clone; share of the extent
-  double growth_limit = 0.1;  // new primitives a step, share of those present
-  double prune_opacity = 0.005;
+  double split_scale = 0.01;    // larger ones split, smaller ones clone; share of the extent
+  double growth_limit = 0.1;    // new primitives a step, share of those present
+  double prune_opacity = 0.02;  // fainter ones make room: they gain more elsewhere
   double prune_scale = 0.5;     // larger than this share of the extent is removed
   double score_error = 1.0;     // lambda_e, on E scaled to [0,1]
   double score_opacity = 0.2;   // lambda_o

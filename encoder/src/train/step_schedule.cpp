@@ -30,6 +30,9 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.rates[kTime] = static_cast<float>(p.lr_time);
   input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
   input.rates[kRadius] = static_cast<float>(p.lr_radius);
+  input.settle = {
+      math::lifespan_modulation(static_cast<float>(p.still_from * capture.frames), 0.0f),
+      static_cast<float>(p.velocity_shrink) * input.rates[kVelocity]};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
   input.rate_colour = static_cast<float>(p.lr_colour);
   input.weight_l1 = static_cast<float>(p.weight_l1);
@@ -44,6 +47,7 @@ void set_batch_schedule(const HyperParameters& p, int views, StepInput& input) {
   const float larger = std::pow(many, static_cast<float>(p.batch_rate));
   for (float& rate : input.rates) rate *= larger;
   input.rate_sh0 *= larger;
+  input.settle.shrink *= larger;
   const float power = std::pow(many, static_cast<float>(p.batch_memory));
   input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
 }

@@ -80,9 +80,13 @@ void TrainState::resize(std::size_t n) {
   statistics.views.resize(n, 0);
 }
 
-void TrainState::carry_motion(std::size_t i, float f) {
-  const float share = math::lifespan_modulation(std::exp(log_sigma[i]), set.radius[i]) / f;
-  for (int c = 0; c < 3; ++c) velocity[3 * i + c] *= share;
+void TrainState::settle(std::size_t i, float f, const math::SettleRules& rules) {
+  float* v = &velocity[3 * i];
+  const float after = math::lifespan_modulation(std::exp(log_sigma[i]), set.radius[i]);
+  const math::Vec3 settled = math::settled_velocity({v[0], v[1], v[2]}, f, after, rules);
+  v[0] = settled.x;
+  v[1] = settled.y;
+  v[2] = settled.z;
 }
 
 void TrainState::derive(std::size_t i, bool modulated) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "math/settle.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/lang.h"
 
@@ -84,10 +85,8 @@ struct TrainState {
 
   void resize(std::size_t n);
   bool is_coupled() const { return coupled.tick > 0; }
-  // After a change of primitive i's lifespan from one with the modulation f: scales v so that the
-  // motion u = v / f goes on as it was. Left to itself, each change of sigma or r would change the
-  // motion too, which keeps lifespans from being learnt (measured in tests/bench/RESULTS.md).
-  void carry_motion(std::size_t i, float f);
+  // math::settled_velocity of primitive i, whose lifespan had the modulation f before.
+  void settle(std::size_t i, float f, const math::SettleRules& rules);
   // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1. Where it
   // is coupled, all that derives from the coupled form.
   void derive(std::size_t i, bool modulated);

@@ -152,7 +152,9 @@ Status CpuBackend::step(const StepInput& input) {
 Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
   const DensifyCounts counts = input.refining ? replace(*state_, *input.parameters, input.context)
                                               : grow(*state_, *input.parameters, input.context);
-  if (input.reset_opacity) reset_opacity(*state_);
+  if (input.reset_opacity) {
+    reset_opacity(*state_, densify_rules(*input.parameters, input.context));
+  }
   state_->derive_all(input.context.modulated);
   return counts;
 }

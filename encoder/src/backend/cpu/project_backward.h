@@ -39,8 +39,8 @@ void project_backward(const Gaussians4D& set, float t, const math::PinholeCamera
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out);
 
 // For a trainer that learns v: turns out.velocity from the gradient by u = v / f(sigma, r) into the
-// gradient by v. Nothing goes through f to sigma and r, for TrainState::carry_motion keeps u where
-// they change.
+// gradient by v. Nothing goes through f to sigma and r, for settled_velocity (math/settle.h) keeps
+// u where they change.
 void modulation_backward(const Gaussians4D& set, const SplatFrame& frame, PrimitiveGradients& out);
 
 }  // namespace stgs::encoder::cpu

@@ -148,7 +148,8 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
                              : densifier_.grow(device_, *input.parameters, input.context,
                                                state_->iteration, w, stream_));
   if (input.reset_opacity) {
-    launch_reset_opacity(device_.primitives(), stream_);
+    const DensifyRules rules = densify_rules(*input.parameters, input.context);
+    launch_reset_opacity(device_.primitives(), reset_logit(rules), stream_);
     STGS_TRY(cuda_status(cudaGetLastError(), "resetting the opacities"));
   }
   if (state_->is_coupled()) launch_derive_coupled(device_.primitives(), stream_);

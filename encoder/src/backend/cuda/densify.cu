@@ -206,10 +206,9 @@ __global__ void replace(const Primitives p, const std::uint32_t* order, const st
   clone_into(p, order[k], dead[k], random);
 }
 
-__global__ void reset_opacity(const Primitives p) {
+__global__ void reset_opacity(const Primitives p, float cap) {
   const std::uint32_t i = thread_index();
   if (i >= p.n) return;
-  const float cap = logf(kResetOpacity / (1.0f - kResetOpacity));
   if (p.values[kOpacity][i] <= cap) return;
   p.values[kOpacity][i] = cap;
   p.first[kOpacity][i] = p.second[kOpacity][i] = 0.0f;
@@ -268,8 +267,8 @@ void launch_replace(const Primitives& p, const std::uint32_t* order, const std::
   replace<<<blocks_of(count, kBlock), kBlock, 0, stream>>>(p, order, dead, count, key);
 }
 
-void launch_reset_opacity(const Primitives& p, cudaStream_t stream) {
-  reset_opacity<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p);
+void launch_reset_opacity(const Primitives& p, float cap, cudaStream_t stream) {
+  reset_opacity<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, cap);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -51,7 +51,7 @@ void launch_scores(const Primitives& p, const ScoreRules& rules, bool modulated,
 void launch_replace(const Primitives& p, const std::uint32_t* order, const std::uint32_t* dead,
                     std::uint32_t count, RandomKey key, cudaStream_t stream);
 
-// Caps every opacity at kResetOpacity.
-void launch_reset_opacity(const Primitives& p, cudaStream_t stream);
+// Caps the logit of every opacity.
+void launch_reset_opacity(const Primitives& p, float cap, cudaStream_t stream);
 
 }  // namespace stgs::encoder::cuda

@@ -154,6 +154,7 @@ struct LossWeights {
 
 struct UpdateSettings {
   bool modulated, learn_radius, second_stage, gather_statistics;
+  math::SettleRules settle;
   float rates[kAttributes];
   float rate_sh0;
   float weight_lifespan, weight_opacity, weight_scale;

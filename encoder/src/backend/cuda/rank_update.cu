@@ -103,7 +103,7 @@ __global__ void __launch_bounds__(kUpdateBlock)
   update_harmonics(p, i - lane, visible, coefficients, settings, warp_stage, by_harmonic, betas);
   update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage, betas);
   __syncwarp();
-  if (!kCoupled && own) derive(p, i, settings.modulated, before, stage);
+  if (!kCoupled && own) derive(p, i, settings, before, stage);
 }
 
 }  // namespace

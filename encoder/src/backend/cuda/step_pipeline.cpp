@@ -26,6 +26,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
 UpdateSettings update_settings(const StepInput& input) {
   UpdateSettings settings{};
   settings.modulated = input.modulated;
+  settings.settle = input.settle;
   settings.learn_radius = input.learn_radius;
   settings.second_stage = input.second_stage;
   settings.gather_statistics = input.gather_statistics;

@@ -293,7 +293,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
       update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
       __syncwarp();
       if (!kCoupled && own)
-        derive(p, i, settings.modulated, lifespan_modulation(values.sigma, values.radius), stage);
+        derive(p, i, settings, lifespan_modulation(values.sigma, values.radius), stage);
     }
   }
   regularisers = warp_sum(regularisers);

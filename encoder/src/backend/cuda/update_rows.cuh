@@ -4,7 +4,7 @@
 #pragma once
 
 #include "backend/cuda/device.cuh"
-#include "stgs/format/math/lifespan.h"
+#include "math/settle.h"
 
 namespace stgs::encoder::cuda {
 
@@ -132,19 +132,19 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
 }
 
 // The derived u and sigma from what update_parameters left in the primitive's stage; where it is
-// modulated, TrainState::carry_motion from the modulation `before` comes first.
-__device__ inline void derive(const Primitives& p, std::uint32_t i, bool modulated, float before,
-                              const float* stage) {
+// modulated, v settles first from the modulation `before` (math/settle.h).
+__device__ inline void derive(const Primitives& p, std::uint32_t i, const UpdateSettings& settings,
+                              float before, const float* stage) {
   const float sigma = expf(stage[kByLogSigma]);
   p.sigma[i] = sigma;
-  const float f = modulated ? math::lifespan_modulation(sigma, stage[kByRadius]) : 1.0f;
-  const float share = modulated ? f / before : 1.0f;
-#pragma unroll
-  for (int c = 0; c < 3; ++c) {
-    const float v = stage[kByVelocity + c] * share;
-    if (modulated) p.values[kVelocity][3 * i + c] = v;
-    p.u[3 * i + c] = v / f;
+  math::Vec3 v = read3(stage + kByVelocity, 0);
+  float f = 1.0f;
+  if (settings.modulated) {
+    f = math::lifespan_modulation(sigma, stage[kByRadius]);
+    v = math::settled_velocity(v, before, f, settings.settle);
+    write3(p.values[kVelocity] + 3 * i, v);
   }
+  write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});
 }
 
 // The harmonics of the warp's primitives, kAhead values a lane at a time. gradient_of(owner, k) is
