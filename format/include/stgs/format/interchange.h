@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bridges to the formats of static Gaussian splats: 3DGS PLY, packed PLY, SPZ, glTF.
+//
+// A static set is a Scene of one frame whose primitives have the static lifespan (below). Axes: a
+// .stgs scene and a 3DGS PLY have OpenCV's (x right, y down, z forward); what another format has is
+// stated with it, and positions, rotations and harmonics are turned on the way.
+//
+// Readers check every count against the bytes present and the caller's limits before they allocate.
+// A primitive that cannot be drawn (a value that is no number, a rotation of length 0) is left out,
+// and a note says how many were. All functions are free of state and may run on any thread.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "stgs/format/byte_source.h"
+#include "stgs/format/gaussian4d.h"
+#include "stgs/format/scene_file.h"
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+// What a conversion changed or left out, a sentence each, for a person to read. Functions append.
+using ConversionNotes = std::vector<std::string>;
+
+// Makes primitives stand still and be fully visible over a clip of `frames` ticks: T = frames / 2,
+// u = 0, sigma = 1, r = frames.
+void set_static_lifespan(Gaussians4D& set, std::uint32_t frames = 1);
+// A scene of one frame of 1/30 s; its primitives get the static lifespan.
+Scene static_scene(Gaussians4D set);
+
+// What is seen at a moment, in the order of the scene: positions moved, opacities multiplied by
+// l(t), and the static lifespan. What is drawn at less than 1/255 then is left out, and so is what
+// lies in a part of another time. kUsage where the moment is not within [0, frames].
+Result<Gaussians4D> at_moment(const Scene& scene, double ticks);
+
+// Mirrors the axes whose sign is -1: positions, velocities, rotations and harmonics. Two mirrored
+// axes are a half turn about the third. Its own inverse.
+void flip_axes(Gaussians4D& set, int x, int y, int z);
+
+// 3DGS PLY: binary little-endian or ASCII; properties by name, in any order and of any scalar type,
+// others skipped; harmonics to degree 3 from the number of f_rest. Also the packed PLY of
+// PlayCanvas (elements chunk, vertex, sh). kUnsupported for other kinds of PLY.
+Result<Scene> read_ply(const ByteSource& source, const ReadLimits& limits = {},
+                       ConversionNotes* notes = nullptr);
+// Binary little-endian, as 3DGS writes it; every float as it is. Lifespans are not looked at.
+Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set);
+
+}  // namespace stgs

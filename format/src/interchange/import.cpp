@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "interchange/import.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace stgs {
+namespace {
+
+constexpr float kFlatLogScale = -30.0f;  // of an axis of size 0: 1e-13 scene units
+constexpr std::size_t kLargestCount = 0xFFFFFFFF;
+
+bool all_finite(const std::vector<float>& array, std::size_t i, std::size_t components) {
+  return std::all_of(array.begin() + static_cast<std::ptrdiff_t>(i * components),
+                     array.begin() + static_cast<std::ptrdiff_t>((i + 1) * components),
+                     [](float v) { return std::isfinite(v); });
+}
+
+bool can_be_drawn(const Gaussians4D& set, std::size_t i) {
+  const float* q = set.rotation.data() + 4 * i;
+  return all_finite(set.position, i, 3) && all_finite(set.log_scale, i, 3) &&
+         all_finite(set.rotation, i, 4) && all_finite(set.opacity_logit, i, 1) &&
+         all_finite(set.sh, i, 3 * static_cast<std::size_t>(set.sh_coefficients())) &&
+         (q[0] != 0.0f || q[1] != 0.0f || q[2] != 0.0f || q[3] != 0.0f);
+}
+
+}  // namespace
+
+Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
+                         const ReadLimits& limits) {
+  if (count > limits.max_primitives || count > kLargestCount) {
+    return unsupported("{}: has {} primitives, more than the {} allowed", name, count,
+                       std::min<std::uint64_t>(limits.max_primitives, kLargestCount));
+  }
+  const int coefficients = (sh_degree + 1) * (sh_degree + 1);
+  const std::uint64_t bytes = count * sizeof(float) * static_cast<unsigned>(17 + 3 * coefficients);
+  if (bytes > limits.max_memory) {
+    return unsupported("{}: its {} primitives take {} bytes in memory, more than the {} allowed",
+                       name, count, bytes, limits.max_memory);
+  }
+  return {};
+}
+
+float logit_of_byte(int value) {
+  const double opacity = value <= 0     ? 0.25 / 255.0
+                         : value >= 255 ? 254.75 / 255.0
+                                        : static_cast<double>(value) / 255.0;
+  return static_cast<float>(std::log(opacity / (1.0 - opacity)));
+}
+
+Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
+  for (float& logit : set.opacity_logit) {
+    if (std::isinf(logit)) logit = std::copysign(kOpaqueLogit, logit);
+  }
+  for (float& log_scale : set.log_scale) {
+    if (std::isinf(log_scale) && log_scale < 0.0f) log_scale = kFlatLogScale;
+  }
+  std::vector<std::uint32_t> kept;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    if (can_be_drawn(set, i)) kept.push_back(static_cast<std::uint32_t>(i));
+  }
+  if (kept.size() < set.size()) {
+    note(notes, fmt::format("{} of {} primitives are left out: they have values that are not "
+                            "finite, or a rotation of length 0",
+                            set.size() - kept.size(), set.size()));
+    set = set.gather(kept);
+  }
+  return static_scene(std::move(set));
+}
+
+}  // namespace stgs

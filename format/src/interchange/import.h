@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the readers of other formats share.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "stgs/format/interchange.h"
+
+namespace stgs {
+
+// What an opacity that is stored as exactly 1 becomes: the logit of 1 - 1e-7 or so.
+inline constexpr float kOpaqueLogit = 16.0f;
+
+// Whether `count` primitives of that degree are within the limits; `name` is for the message.
+Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
+                         const ReadLimits& limits);
+
+// The logit of an opacity of [0, 1] that was stored in steps of 1/255. The two ends stand for the
+// half step that rounds to them, whose middle is taken.
+float logit_of_byte(int value);
+
+// A static scene of what was decoded. Primitives that cannot be drawn are left out, with a note;
+// opacities and scales that are infinite, as trainers write them, become finite.
+Scene finish_import(Gaussians4D set, ConversionNotes* notes);
+
+// Appends to notes that may not be there.
+inline void note(ConversionNotes* notes, std::string text) {
+  if (notes != nullptr) notes->push_back(std::move(text));
+}
+
+}  // namespace stgs

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+// PLY with one vertex a Gaussian, in the properties that 3DGS (Kerbl et al. 2023) writes.
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <limits>
+
+#include "interchange/ply.h"
+#include "stgs/format/parallel.h"
+
+namespace stgs {
+namespace {
+
+constexpr std::size_t kBlockBytes = std::size_t{8} << 20;
+constexpr std::size_t kGrain = 1024;
+constexpr std::size_t kMostCoefficients = 16;
+
+// Where each component of a primitive comes from: indices of the vertex's properties.
+struct PlyFields {
+  int sh_degree = 0;
+  std::array<std::size_t, 3> position, log_scale;
+  std::array<std::size_t, 4> rotation;
+  std::size_t opacity = 0;
+  std::array<std::size_t, 3 * kMostCoefficients> sh;  // coefficient, then channel
+};
+
+std::uint64_t count_rest(const PlyElement& vertex) {
+  std::uint64_t count = 0;
+  while (vertex.find(fmt::format("f_rest_{}", count)) != nullptr) ++count;
+  return count;
+}
+
+class FieldFinder {
+ public:
+  FieldFinder(const std::string& file, const PlyElement& vertex) : file_(file), vertex_(vertex) {}
+
+  Result<PlyFields> find(ConversionNotes* notes) {
+    PlyFields fields;
+    const char* axes[] = {"x", "y", "z"};
+    for (std::size_t c = 0; c < 3; ++c) STGS_TRY(find_one(axes[c], fields.position[c]));
+    for (std::size_t c = 0; c < 3; ++c) {
+      STGS_TRY(find_one(fmt::format("scale_{}", c), fields.log_scale[c]));
+      STGS_TRY(find_one(fmt::format("f_dc_{}", c), fields.sh[c]));
+    }
+    for (std::size_t c = 0; c < 4; ++c) {
+      STGS_TRY(find_one(fmt::format("rot_{}", c), fields.rotation[c]));
+    }
+    STGS_TRY(find_one("opacity", fields.opacity));
+    STGS_TRY(find_rest(fields, notes));
+    return fields;
+  }
+
+ private:
+  Status find_one(const std::string& name, std::size_t& index) const {
+    const PlyProperty* property = vertex_.find(name);
+    if (property == nullptr) {
+      return unsupported("{}: its vertices have no property '{}', which a PLY of 3DGS has", file_,
+                         name);
+    }
+    index = static_cast<std::size_t>(property - vertex_.properties.data());
+    return {};
+  }
+
+  // f_rest has all coefficients of red, then green, then blue.
+  Status find_rest(PlyFields& fields, ConversionNotes* notes) const {
+    const std::uint64_t count = count_rest(vertex_);
+    const std::uint64_t a_channel = count / 3;
+    if (count % 3 != 0 || sh_degree_of(a_channel) < 0) {
+      return unsupported("{}: its vertices have {} properties 'f_rest', not 0, 9, 24, 45 or 72",
+                         file_, count);
+    }
+    fields.sh_degree = std::min(sh_degree_of(a_channel), 3);
+    if (sh_degree_of(a_channel) > 3) note(notes, "harmonics of degree 4 are left out");
+    const auto coefficients =
+        static_cast<std::uint64_t>((fields.sh_degree + 1) * (fields.sh_degree + 1));
+    for (std::uint64_t k = 1; k < coefficients; ++k) {
+      for (std::uint64_t c = 0; c < 3; ++c) {
+        STGS_TRY(find_one(fmt::format("f_rest_{}", c * a_channel + k - 1), fields.sh[3 * k + c]));
+      }
+    }
+    return {};
+  }
+
+  const std::string& file_;
+  const PlyElement& vertex_;
+};
+
+// value(property index) gives a component of the record of primitive i.
+template <typename Value>
+void store(const PlyFields& fields, std::size_t i, Gaussians4D& set, const Value& value) {
+  const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
+  for (std::size_t c = 0; c < 3; ++c) set.position[3 * i + c] = value(fields.position[c]);
+  for (std::size_t c = 0; c < 3; ++c) set.log_scale[3 * i + c] = value(fields.log_scale[c]);
+  for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] = value(fields.rotation[c]);
+  set.opacity_logit[i] = value(fields.opacity);
+  for (std::size_t k = 0; k < sh; ++k) set.sh[i * sh + k] = value(fields.sh[k]);
+}
+
+Status read_binary(const ByteSource& source, const PlyElement& vertex, const PlyFields& fields,
+                   Gaussians4D& set) {
+  const auto stride = static_cast<std::size_t>(vertex.stride);
+  const std::size_t a_block = std::max<std::size_t>(1, kBlockBytes / stride);
+  std::vector<std::uint8_t> bytes(std::min(a_block, set.size()) * stride);
+  for (std::size_t begin = 0; begin < set.size(); begin += a_block) {
+    const std::size_t count = std::min(a_block, set.size() - begin);
+    STGS_TRY(source.read(vertex.offset + begin * stride, {bytes.data(), count * stride}));
+    parallel_blocks(std::size_t{0}, count, kGrain, [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i) {
+        const std::uint8_t* record = bytes.data() + i * stride;
+        store(fields, begin + i, set,
+              [&](std::size_t p) { return ply_float(record, vertex.properties[p]); });
+      }
+    });
+  }
+  return {};
+}
+
+// The numbers of an ASCII body, separated by white space.
+class NumberReader {
+ public:
+  explicit NumberReader(std::string_view text) : at_(text.data()), end_(at_ + text.size()) {}
+
+  bool next(float& value) {
+    while (at_ < end_ && (*at_ == ' ' || *at_ == '\n' || *at_ == '\r' || *at_ == '\t')) ++at_;
+    double wide = 0;
+    const auto [after, error] = std::from_chars(at_, end_, wide);
+    // What no double can hold is no number: the primitive is left out, and told of.
+    if (error == std::errc::result_out_of_range) {
+      wide = std::numeric_limits<double>::quiet_NaN();
+    } else if (error != std::errc()) {
+      return false;
+    }
+    value = static_cast<float>(wide);
+    at_ = after;
+    return true;
+  }
+
+ private:
+  const char *at_, *end_;
+};
+
+// `skipped`: numbers of the elements before the vertices.
+Status read_ascii(const std::string& file, std::string_view body, std::uint64_t skipped,
+                  const PlyElement& vertex, const PlyFields& fields, Gaussians4D& set) {
+  NumberReader numbers(body);
+  float ignored = 0;
+  for (std::uint64_t i = 0; i < skipped; ++i) {
+    if (!numbers.next(ignored)) return invalid_file("{}: ends before its vertices", file);
+  }
+  std::vector<float> record(vertex.properties.size());
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    for (float& value : record) {
+      if (!numbers.next(value)) {
+        return invalid_file("{}: vertex {} of {} is not complete, or not of numbers", file, i,
+                            set.size());
+      }
+    }
+    store(fields, i, set, [&](std::size_t p) { return record[p]; });
+  }
+  return {};
+}
+
+// The whole body of an ASCII file, and how many numbers stand before the vertices. Each number
+// takes two bytes with what parts it from the next, so counts are checked before any allocation.
+Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header,
+                               const PlyElement& vertex, const ReadLimits& limits,
+                               std::uint64_t& skipped) {
+  const std::uint64_t bytes = source.size() - header.bytes;
+  if (bytes > limits.max_memory) {
+    return unsupported("{}: {} bytes of text, more than the {} allowed", source.name(), bytes,
+                       limits.max_memory);
+  }
+  std::uint64_t left = bytes / 2 + 1;
+  for (const PlyElement& element : header.elements) {
+    const std::uint64_t width = element.properties.size();
+    if (element.has_lists || (width > 0 && element.count > left / width)) {
+      return invalid_file("{}: says {} records '{}', which do not fit in its {} bytes",
+                          source.name(), element.count, element.name, bytes);
+    }
+    left -= element.count * width;
+    if (&element == &vertex) break;
+    skipped += element.count * width;
+  }
+  std::string body(static_cast<std::size_t>(bytes), '\0');
+  STGS_TRY(source.read(header.bytes, {reinterpret_cast<std::uint8_t*>(body.data()), body.size()}));
+  return body;
+}
+
+Result<Gaussians4D> read_vertices(const ByteSource& source, const PlyHeader& header,
+                                  const ReadLimits& limits, ConversionNotes* notes) {
+  const PlyElement* vertex = header.find("vertex");
+  if (vertex == nullptr) return unsupported("{}: has no element 'vertex'", source.name());
+  if (vertex->has_lists || !vertex->offset_known) {
+    return unsupported("{}: has lists in its vertices or before them", source.name());
+  }
+  STGS_ASSIGN(const PlyFields fields, FieldFinder(source.name(), *vertex).find(notes));
+  STGS_TRY(check_import_size(source.name(), vertex->count, fields.sh_degree, limits));
+  Gaussians4D set;
+  set.sh_degree = fields.sh_degree;
+  if (!header.ascii) {
+    set.resize(static_cast<std::size_t>(vertex->count));
+    STGS_TRY(read_binary(source, *vertex, fields, set));
+    return set;
+  }
+  std::uint64_t skipped = 0;
+  STGS_ASSIGN(const std::string body, ascii_body(source, header, *vertex, limits, skipped));
+  set.resize(static_cast<std::size_t>(vertex->count));
+  STGS_TRY(read_ascii(source.name(), body, skipped, *vertex, fields, set));
+  return set;
+}
+
+}  // namespace
+
+int sh_degree_of(std::uint64_t rest_coefficients) {
+  for (int degree = 0; degree <= 4; ++degree) {
+    if (rest_coefficients + 1 == static_cast<std::uint64_t>((degree + 1) * (degree + 1))) {
+      return degree;
+    }
+  }
+  return -1;
+}
+
+Result<Scene> read_ply(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
+  STGS_ASSIGN(const PlyHeader header, read_ply_header(source));
+  if (is_packed_ply(header)) {
+    STGS_ASSIGN(Gaussians4D set, read_packed_ply(source, header, limits));
+    return finish_import(std::move(set), notes);
+  }
+  STGS_ASSIGN(Gaussians4D set, read_vertices(source, header, limits, notes));
+  return finish_import(std::move(set), notes);
+}
+
+}  // namespace stgs
