@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bridges to the formats of static Gaussian splats: 3DGS PLY, packed PLY, SPZ, glTF.
+// Bridges to the formats of static Gaussian splats: 3DGS PLY, packed PLY, SPZ, SOG, glTF.
 //
 // A static set is a Scene of one frame whose primitives have the static lifespan (below). Axes: a
 // .stgs scene and a 3DGS PLY have OpenCV's (x right, y down, z forward); what another format has is
@@ -47,5 +47,12 @@ Result<Scene> read_ply(const ByteSource& source, const ReadLimits& limits = {},
                        ConversionNotes* notes = nullptr);
 // Binary little-endian, as 3DGS writes it; every float as it is. Lifespans are not looked at.
 Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set);
+
+// SOG version 2 of PlayCanvas: a .sog bundle, a meta.json, a folder with one, or a folder of such
+// bundles and folders, which are read in the order of their names and put together. Its axes are
+// those of a 3DGS PLY. kUnsupported for version 1 and for streamed sets of several levels of
+// detail; kNotBuilt without libwebp and libzip.
+Result<Scene> read_sog(const std::string& path, const ReadLimits& limits = {},
+                       ConversionNotes* notes = nullptr);
 
 }  // namespace stgs

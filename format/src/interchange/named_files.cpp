@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "interchange/named_files.h"
+
+#include <zip.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs {
+namespace {
+
+// Whether the name stays inside the set: relative, no step upwards, no zero byte.
+bool stays_inside(const std::string& name) {
+  if (name.empty() || name.find('\0') != std::string::npos) return false;
+  const std::filesystem::path path(name);
+  return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
+}
+
+Status too_large(const std::string& label, std::uint64_t bytes, std::uint64_t max_bytes) {
+  return unsupported("{}: has {} bytes, more than the {} allowed here", label, bytes, max_bytes);
+}
+
+class FolderFiles final : public NamedFiles {
+ public:
+  explicit FolderFiles(std::string folder) : folder_(std::move(folder)) {}
+
+  std::string label(const std::string& name) const override {
+    return (std::filesystem::path(folder_) / name).string();
+  }
+
+  Result<std::vector<std::uint8_t>> read(const std::string& name,
+                                         std::uint64_t max_bytes) override {
+    if (!stays_inside(name)) {
+      return invalid_file("{}: names the file \"{}\", which is not inside it", folder_, name);
+    }
+    STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(label(name)));
+    if (file->size() > max_bytes) return too_large(label(name), file->size(), max_bytes);
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(file->size()));
+    STGS_TRY(file->read(0, bytes));
+    return bytes;
+  }
+
+ private:
+  std::string folder_;
+};
+
+struct CloseArchive {
+  void operator()(zip_t* archive) const { zip_discard(archive); }
+};
+struct CloseMember {
+  void operator()(zip_file_t* member) const { zip_fclose(member); }
+};
+
+class ZipFiles final : public NamedFiles {
+ public:
+  ZipFiles(zip_t* archive, std::string path) : archive_(archive), path_(std::move(path)) {}
+
+  std::string label(const std::string& name) const override { return path_ + ":" + name; }
+
+  Result<std::vector<std::uint8_t>> read(const std::string& name,
+                                         std::uint64_t max_bytes) override {
+    if (!stays_inside(name)) {
+      return invalid_file("{}: names the file \"{}\", which cannot be inside it", path_, name);
+    }
+    zip_stat_t stat;
+    if (zip_stat(archive_.get(), name.c_str(), 0, &stat) != 0) {
+      return invalid_file("{}: the archive has no such file", label(name));
+    }
+    if (!(stat.valid & ZIP_STAT_SIZE) || !(stat.valid & ZIP_STAT_COMP_SIZE)) {
+      return invalid_file("{}: the archive does not tell its size", label(name));
+    }
+    if (stat.size > max_bytes) return too_large(label(name), stat.size, max_bytes);
+    // DEFLATE makes at most 1032 bytes of one, so a greater promise is a lie.
+    if (stat.size / 1032 > stat.comp_size) {
+      return invalid_file("{}: promises {} bytes from {}", label(name), stat.size, stat.comp_size);
+    }
+    const std::unique_ptr<zip_file_t, CloseMember> member(
+        zip_fopen(archive_.get(), name.c_str(), 0));
+    if (!member) {
+      return invalid_file("{}: cannot be opened: {}", label(name), zip_strerror(archive_.get()));
+    }
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(stat.size));
+    std::uint8_t past_the_end = 0;  // reading on to the end makes libzip verify the checksum
+    if (zip_fread(member.get(), bytes.data(), bytes.size()) != zip_int64_t(bytes.size()) ||
+        zip_fread(member.get(), &past_the_end, 1) != 0) {
+      return invalid_file("{}: the archive is damaged here: {}", label(name),
+                          zip_file_strerror(member.get()));
+    }
+    return bytes;
+  }
+
+ private:
+  std::unique_ptr<zip_t, CloseArchive> archive_;
+  std::string path_;
+};
+
+}  // namespace
+
+std::unique_ptr<NamedFiles> folder_files(const std::string& folder) {
+  return std::make_unique<FolderFiles>(folder.empty() ? "." : folder);
+}
+
+Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> exists, open_file(path));
+  int code = 0;
+  zip_t* archive = zip_open(path.c_str(), ZIP_RDONLY, &code);
+  if (archive == nullptr) {
+    zip_error_t error;
+    zip_error_init_with_code(&error, code);
+    const std::string message = zip_error_strerror(&error);
+    zip_error_fini(&error);
+    return invalid_file("{}: not a zip archive that can be read: {}", path, message);
+  }
+  return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path));
+}
+
+}  // namespace stgs

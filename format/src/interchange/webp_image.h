@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pictures that carry numbers: lossless WebP.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+struct ImageRgba {
+  int width = 0, height = 0;         // pixels
+  std::vector<std::uint8_t> pixels;  // row after row from the top, R G B A
+
+  std::size_t size() const { return pixels.size() / 4; }
+  const std::uint8_t* pixel(std::size_t i) const { return pixels.data() + 4 * i; }
+};
+
+// Decodes; `label` is for messages. Refuses lossy and animated pictures, and those that would take
+// more than `max_bytes` decoded, before it allocates.
+Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
+                                       const std::string& label, std::uint64_t max_bytes);
+
+}  // namespace stgs

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "scene_fixture.h"
+#include "sog_fixture.h"
+#include "stgs/format/interchange.h"
+
+using namespace stgs;
+using stgs::testing::encode_webp;
+using stgs::testing::fingerprints;
+using stgs::testing::Picture;
+using stgs::testing::random_sog;
+using stgs::testing::SogModel;
+namespace fs = std::filesystem;
+
+namespace {
+
+// A folder that goes with the test.
+struct Folder {
+  Folder() : path((fs::temp_directory_path() / "stgs_test_sog").string()) {
+    fs::remove_all(path);
+    fs::create_directories(path);
+  }
+  ~Folder() { fs::remove_all(path); }
+  std::string path;
+};
+
+// What reading a model says that must not be readable.
+Status refusal(const SogModel& model, const ReadLimits& limits = {}) {
+  const Folder folder;
+  model.write_folder(folder.path);
+  const Result<Scene> scene = read_sog(folder.path, limits);
+  CHECK_FALSE(scene.ok());
+  return scene.status();
+}
+
+using Catch::Matchers::Contains;
+
+}  // namespace
+
+TEST_CASE("SOG: the values of the specification") {
+  const Folder folder;
+  const SogModel model = random_sog(21, 2, 3);
+  model.write_folder(folder.path);
+  ConversionNotes notes;
+  const Result<Scene> scene = read_sog(folder.path + "/meta.json", {}, &notes);
+  INFO(scene.status().message());
+  REQUIRE(scene.ok());
+  CHECK(notes.empty());
+  CHECK(scene->metadata.frames == 1);
+  const Gaussians4D& set = scene->gaussians;
+  REQUIRE(set.size() == 21);
+  REQUIRE(set.sh_degree == 2);
+  const auto byte = [&](const char* name, std::size_t i, std::size_t c) {
+    return int{model.pictures.at(name).rgba[4 * i + c]};
+  };
+  const double mins[] = {-2.5, -1.0, 0.0}, maxs[] = {1.5, 1.0, 3.0};
+  for (std::size_t i = 0; i < 21; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double q = (byte("l.webp", i, c) + 256 * byte("u.webp", i, c)) / 65535.0;
+      const double mapped = mins[c] + (maxs[c] - mins[c]) * q;
+      const double x = mapped < 0 ? 1 - std::exp(-mapped) : std::exp(mapped) - 1;
+      CHECK(set.position[3 * i + c] == Approx(x).margin(1e-6));
+      CHECK(set.log_scale[3 * i + c] == Approx(-9 + 9.5 * byte("scales.webp", i, c) / 255));
+      CHECK(set.sh[27 * i + c] == Approx(-2 + 4.0 * byte("sh0.webp", i, c) / 255).margin(1e-6));
+      const std::size_t entry = static_cast<std::size_t>(byte("labels.webp", i, 0));
+      for (std::size_t k = 0; k < 8; ++k) {
+        const std::size_t pixel = entry / 64 * 512 + entry % 64 * 8 + k;
+        CHECK(set.sh[27 * i + 3 * (k + 1) + c] ==
+              Approx(-0.5 + byte("centroids.webp", pixel, c) / 255.0).margin(1e-6));
+      }
+    }
+    const int alpha = byte("sh0.webp", i, 3);
+    if (alpha > 0 && alpha < 255) {
+      CHECK(1 / (1 + std::exp(-set.opacity_logit[i])) == Approx(alpha / 255.0));
+    }
+    const std::size_t largest = static_cast<std::size_t>(byte("quats.webp", i, 3) - 252);
+    double square = 0;
+    for (std::size_t c = 0, from = 0; c < 4; ++c) {
+      const float q = set.rotation[4 * i + c];
+      square += double{q} * q;
+      if (c == largest) {
+        CHECK(q >= 0);
+      } else {
+        const double stored = (byte("quats.webp", i, from++) / 127.5 - 1) / std::sqrt(2.0);
+        CHECK(q == Approx(stored).margin(1e-6));
+      }
+    }
+    CHECK(square >= 1 - 1e-5);
+  }
+}
+
+TEST_CASE("SOG: a bundle, a folder and its description are one model") {
+  const Folder folder;
+  const SogModel model = random_sog(33, 3, 5);
+  model.write_folder(folder.path + "/model");
+  model.write_bundle(folder.path + "/model.sog");
+  const Result<Scene> from_folder = read_sog(folder.path + "/model");
+  const Result<Scene> from_bundle = read_sog(folder.path + "/model.sog");
+  INFO(from_folder.status().message() << from_bundle.status().message());
+  REQUIRE(from_folder.ok());
+  REQUIRE(from_bundle.ok());
+  CHECK(fingerprints(from_folder->gaussians) == fingerprints(from_bundle->gaussians));
+}
+
+TEST_CASE("SOG: the chunks of a folder are put together in the order of their names") {
+  const Folder folder;
+  random_sog(9, 0, 1).write_folder(folder.path + "/2_0");
+  random_sog(12, 1, 2).write_folder(folder.path + "/2_1");
+  random_sog(5, 0, 3).write_bundle(folder.path + "/2_2.sog");
+  const Result<Scene> all = read_sog(folder.path), second = read_sog(folder.path + "/2_1");
+  INFO(all.status().message());
+  REQUIRE(all.ok());
+  REQUIRE(second.ok());
+  CHECK(all->gaussians.size() == 26);
+  CHECK(all->gaussians.sh_degree == 1);  // the highest; others get zeros
+  const auto whole = fingerprints(all->gaussians), part = fingerprints(second->gaussians);
+  CHECK(std::vector<std::string>(whole.begin() + 9, whole.begin() + 21) == part);
+  CHECK(all->gaussians.sh[3] == 0.0f);
+  std::ofstream(folder.path + "/lod-meta.json") << "{}";
+  CHECK(read_sog(folder.path).status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("SOG: a codebook whose first entry an early writer left null") {
+  const Folder folder;
+  SogModel model = random_sog(8, 0, 4);
+  model.meta["scales"]["codebook"][0] = nullptr;
+  model.pictures["scales.webp"].rgba[0] = 0;
+  model.write_folder(folder.path);
+  const Result<Scene> scene = read_sog(folder.path);
+  INFO(scene.status().message());
+  REQUIRE(scene.ok());
+  CHECK(scene->gaussians.log_scale[0] == Approx(-9).margin(0.05));
+}
+
+TEST_CASE("SOG: what lies about itself is refused") {
+  const SogModel good = random_sog(20, 1, 6);
+  SogModel bad = good;
+  bad.meta["count"] = 1000;
+  CHECK_THAT(refusal(bad).message(), Contains("too few for 1000 splats"));
+  bad = good;
+  bad.meta["count"] = 4'000'000'000'000;
+  CHECK(refusal(bad).code() == StatusCode::kUnsupported);
+  bad = good;
+  bad.meta["count"] = -1;
+  CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
+  bad = good;
+  bad.meta["means"]["mins"] = {0, 0};
+  CHECK_THAT(refusal(bad).message(), Contains("means.mins"));
+  bad = good;
+  bad.meta["means"]["maxs"][1] = 1e30;
+  CHECK_THAT(refusal(bad).message(), Contains("beyond binary32"));
+  bad = good;
+  bad.meta["scales"]["codebook"].erase(7);
+  CHECK_THAT(refusal(bad).message(), Contains("scales.codebook"));
+  bad = good;
+  bad.meta["quats"]["files"] = {"../quats.webp"};
+  CHECK_THAT(refusal(bad).message(), Contains("not inside"));
+  bad = good;
+  bad.meta["sh0"]["files"] = {"absent.webp"};
+  CHECK(refusal(bad).code() == StatusCode::kIo);
+  bad = good;
+  bad.meta["shN"]["bands"] = 4;
+  CHECK_THAT(refusal(bad).message(), Contains("bands"));
+  bad = good;
+  bad.meta["shN"]["count"] = 129;  // the picture holds two rows of 64
+  CHECK_THAT(refusal(bad).message(), Contains("do not hold 129"));
+  bad = good;
+  bad.pictures["labels.webp"].rgba[1] = 1;  // label 256 and more
+  CHECK_THAT(refusal(bad).message(), Contains("has label"));
+  bad = good;
+  bad.pictures["quats.webp"].rgba[3] = 200;
+  CHECK_THAT(refusal(bad).message(), Contains("alpha of splat 0"));
+  bad = good;
+  bad.pictures["sh0.webp"] = random_sog(20, 0, 1, 10).pictures["sh0.webp"];
+  CHECK_THAT(refusal(bad).message(), Contains("another picture of the model"));
+  bad = good;
+  bad.files["meta.json"] = "{\"version\": 2, \"count\": ";
+  CHECK_THAT(refusal(bad).message(), Contains("is not JSON"));
+  bad.files["meta.json"] = "[1, 2]";
+  CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
+  bad.files["meta.json"] = "{\"means\": {}}";
+  CHECK_THAT(refusal(bad).message(), Contains("version 1"));
+  bad.files["meta.json"] = "{\"version\": 3}";
+  CHECK(refusal(bad).code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("SOG: damaged pictures are refused") {
+  SogModel bad = random_sog(20, 0, 7);
+  const std::string picture = encode_webp(bad.pictures["scales.webp"]);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{9}, picture.size() / 2}) {
+    bad.files["scales.webp"] = picture.substr(0, length);
+    CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
+  }
+  bad.files["scales.webp"] = encode_webp(bad.pictures["scales.webp"], false);
+  CHECK_THAT(refusal(bad).message(), Contains("lossy"));
+  bad.files["scales.webp"] = "\x89PNG\r\n\x1a\n____________________";
+  CHECK_THAT(refusal(bad).message(), Contains("is not a WebP picture"));
+}
+
+TEST_CASE("SOG: the caller's limits hold before anything of that size is made") {
+  const SogModel model = random_sog(500, 0, 8, 25);
+  ReadLimits limits;
+  limits.max_primitives = 499;
+  CHECK(refusal(model, limits).code() == StatusCode::kUnsupported);
+  limits = {};
+  limits.max_memory = 25 * 20 * 4 - 1;  // a byte less than one picture
+  CHECK(refusal(model, limits).code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("SOG: damaged bundles are refused") {
+  const Folder folder;
+  const std::string path = folder.path + "/model.sog";
+  random_sog(300, 0, 9, 20).write_bundle(path);
+  std::ifstream file(path, std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(file), {}};
+  const auto read_bytes = [&](const std::string& bytes) {
+    std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
+    return read_sog(path).status().code();
+  };
+  CHECK(read_bytes(whole) == StatusCode::kOk);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{30}, whole.size() - 5}) {
+    CHECK(read_bytes(whole.substr(0, length)) == StatusCode::kInvalidFile);
+  }
+  // A bit of a member's data: its checksum tells.
+  std::string damaged = whole;
+  damaged[damaged.find("WEBP") + 40] ^= 4;
+  CHECK(read_bytes(damaged) == StatusCode::kInvalidFile);
+  CHECK(read_sog(folder.path + "/absent.sog").status().code() == StatusCode::kIo);
+}
