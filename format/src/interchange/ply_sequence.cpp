@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/ply_sequence.h"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <utility>
+
+#include "interchange/import.h"
+#include "interchange/sequence_match.h"
+
+namespace stgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct FrameFile {
+  std::uint64_t number = 0;  // the last one in its name
+  std::string path;
+};
+
+bool is_ply(const fs::path& path) {
+  std::error_code error;
+  return path.extension() == ".ply" && fs::is_regular_file(path, error);
+}
+
+Result<std::uint64_t> number_of(const fs::path& path) {
+  const std::string stem = path.stem().string();
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  const auto end = std::find_if(stem.rbegin(), stem.rend(), is_digit).base();
+  const auto begin =
+      std::find_if_not(std::make_reverse_iterator(end), stem.rend(), is_digit).base();
+  std::uint64_t number = 0;
+  const char* text = stem.data() + (begin - stem.begin());
+  const auto parsed = std::from_chars(text, stem.data() + (end - stem.begin()), number);
+  if (begin == end || parsed.ec != std::errc()) {
+    return usage_error("{}: has no number of a frame in its name", path.string());
+  }
+  return number;
+}
+
+// The frames in their order; equal steps between their numbers show that none is missing.
+Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
+  std::vector<FrameFile> files;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    if (!is_ply(it->path())) continue;
+    STGS_ASSIGN(const std::uint64_t number, number_of(it->path()));
+    files.push_back({number, it->path().string()});
+  }
+  if (error) return io_error("{}: cannot list the folder: {}", folder, error.message());
+  if (files.empty()) return io_error("{}: has no file that ends in .ply", folder);
+  std::sort(files.begin(), files.end(), [](const FrameFile& a, const FrameFile& b) {
+    return std::pair(a.number, a.path) < std::pair(b.number, b.path);
+  });
+  for (std::size_t i = 1; i < files.size(); ++i) {
+    const std::uint64_t step = files[i].number - files[i - 1].number;
+    if (step == 0) {
+      return usage_error("{} and {}: are the same frame; leave one", files[i - 1].path,
+                         files[i].path);
+    }
+    if (step != files[1].number - files[0].number) {
+      return usage_error("{}: follows {} in a step of {}, not {}: is a frame missing?",
+                         files[i].path, files[i - 1].path, step, files[1].number - files[0].number);
+    }
+  }
+  return files;
+}
+
+}  // namespace
+
+double SequenceReport::matched() const {
+  // Each primitive begins with one splat, and each splat of the first frame begins one.
+  const std::uint64_t first = first_frame_splats, later = splats - first;
+  return later == 0 ? 1 : 1 - static_cast<double>(primitives - first) / static_cast<double>(later);
+}
+
+bool is_ply_sequence(const std::string& folder) {
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    if (is_ply(it->path())) return true;
+  }
+  return false;
+}
+
+Result<Scene> read_ply_sequence(const std::string& folder, const SequenceSettings& settings,
+                                const ReadLimits& limits, SequenceReport* report,
+                                ConversionNotes* notes) {
+  STGS_ASSIGN(const std::vector<FrameFile> files, frame_files(folder));
+  SequenceMatcher matcher(settings.tolerances);
+  int degree = 0;
+  std::uint64_t first_frame = 0;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(files[i].path));
+    ConversionNotes of_file;
+    STGS_ASSIGN(const Scene frame, read_ply(*source, limits, &of_file));
+    for (const std::string& text : of_file) note(notes, source->name() + ": " + text);
+    if (i == 0) {
+      degree = frame.gaussians.sh_degree;
+      first_frame = frame.gaussians.size();
+    } else if (frame.gaussians.sh_degree != degree) {
+      return invalid_file("{}: has harmonics of degree {}, the first frame of degree {}",
+                          files[i].path, frame.gaussians.sh_degree, degree);
+    }
+    matcher.add(frame.gaussians);
+    STGS_TRY(check_import_size(folder, matcher.primitives(), degree, limits));
+  }
+  SequenceReport done;
+  Scene scene;
+  scene.gaussians = matcher.finish(done);
+  scene.metadata.time_base = settings.frame_time;
+  scene.metadata.frames = done.frames;
+  done.first_frame_splats = first_frame;
+  if (report != nullptr) *report = done;
+  return scene;
+}
+
+}  // namespace stgs
