@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decodes a block's plane with the machine's vector unit: a step of 32 lanes in one vector or in
+// several, whose states stay in registers over the plane.
+#include <cstring>
+
+#include "rans_block.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "rans_vector.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h, which includes this file once a target.
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace stgs::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using States = hn::CappedTag<std::uint32_t, 16>;
+using StateVec = hn::Vec<States>;
+using StateMask = hn::Mask<States>;
+constexpr std::size_t kVectorLanes = hn::MaxLanes(States());
+constexpr std::size_t kVectors = kRansLanes / kVectorLanes;
+constexpr std::size_t kStepBytes = 2 * kRansLanes;  // of words, at most
+
+// Row m: for each lane in the bits of m, how many lower ones are.
+struct Ranks {
+  HWY_ALIGN std::uint8_t row[256][8];
+};
+constexpr Ranks kRanks = [] {
+  Ranks ranks{};
+  for (unsigned mask = 0; mask < 256; ++mask) {
+    std::uint8_t rank = 0;
+    for (unsigned lane = 0; lane < 8; ++lane) {
+      ranks.row[mask][lane] = rank;
+      rank = static_cast<std::uint8_t>(rank + (mask >> lane & 1));
+    }
+  }
+  return ranks;
+}();
+
+// The next words, dealt to the lanes of the mask in their order; anything in the others.
+HWY_INLINE StateVec deal_words(const std::uint8_t* next, StateMask mask) {
+  const States d;
+  const hn::Rebind<std::uint16_t, States> dw;
+  HWY_ALIGN std::uint16_t words[kVectorLanes];
+  std::memcpy(words, next, sizeof words);  // of any alignment: a single load
+  const StateVec loaded = hn::PromoteTo(d, hn::Load(dw, words));
+#if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
+  return StateVec{_mm512_maskz_expand_epi32(mask.raw, loaded.raw)};
+#else
+  if constexpr (kVectorLanes == 1) {
+    return loaded;
+  } else {
+    static_assert(kVectorLanes <= 8);
+    const hn::Rebind<std::uint8_t, States> db;
+    std::uint8_t bits[8] = {};
+    hn::StoreMaskBits(d, mask, bits);
+    const StateVec ranks = hn::PromoteTo(d, hn::LoadU(db, kRanks.row[bits[0]]));
+    return hn::TableLookupLanes(loaded, hn::IndicesFromVec(d, ranks));
+  }
+#endif
+}
+
+// A symbol of each lane of x; returns where the words go on.
+HWY_INLINE const std::uint8_t* step(StateVec& x, const std::uint32_t* lookup,
+                                    const std::uint8_t* next, std::uint8_t* out) {
+  const States d;
+  const hn::RebindToSigned<States> di;
+  const hn::Rebind<std::uint8_t, States> db;
+  const StateVec low = hn::Set(d, kRansTotal - 1);
+  const StateVec entry = hn::GatherIndex(d, lookup, hn::BitCast(di, hn::And(x, low)));
+  hn::StoreU(hn::DemoteTo(db, hn::BitCast(di, hn::ShiftRight<24>(entry))), db, out);
+  const StateVec quotient = hn::ShiftRight<kRansBits>(x);
+  const StateVec less = hn::And(hn::ShiftRight<kRansBits>(entry), low);
+  const StateVec y = hn::Add(hn::Mul(quotient, less), hn::Add(quotient, hn::And(entry, low)));
+  const StateMask wants = hn::Eq(hn::ShiftRight<16>(y), hn::Zero(d));
+  const StateVec refilled = hn::Or(hn::ShiftLeft<16>(y), deal_words(next, wants));
+  x = hn::IfThenElse(wants, refilled, y);
+  return next + 2 * hn::CountTrue(d, wants);
+}
+
+// Makes 64 bytes readable from block.next on.
+void move_to_tail(RansBlock& block) {
+  const auto left = static_cast<std::size_t>(block.end - block.next);
+  std::memcpy(block.tail, block.next, left);
+  block.next = block.tail;
+  block.end = block.tail + left;
+  block.moved = true;
+}
+
+void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                  std::uint8_t* out) {
+  const States d;
+  const std::size_t whole = block.lanes == kRansLanes ? count / kRansLanes * kRansLanes : 0;
+  StateVec x[kVectors];
+  for (std::size_t v = 0; v < kVectors; ++v) x[v] = hn::LoadU(d, block.state + v * kVectorLanes);
+  for (std::size_t i = 0; i < whole;) {
+    if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
+      move_to_tail(block);
+    const std::uint8_t* next = block.next;
+    // The last place for a step to begin at: with 64 bytes to load, or no words that were missing.
+    const std::uint8_t* const last = block.moved ? block.end : block.end - kStepBytes;
+    for (; i < whole && next <= last; i += kRansLanes) {
+      for (std::size_t v = 0; v < kVectors; ++v)
+        next = step(x[v], lookup.data(), next, out + i + v * kVectorLanes);
+    }
+    block.next = next;
+    if (next > block.end) {  // what was taken past the end was 0
+      block.overrun = true;
+      block.next = block.end;
+    }
+  }
+  for (std::size_t v = 0; v < kVectors; ++v) hn::StoreU(x[v], d, block.state + v * kVectorLanes);
+  rans_decode_scalar(block, lookup, whole, count, out);
+}
+
+const char* vector_name() {
+  return hwy::TargetName(HWY_TARGET);
+}
+
+}  // namespace
+}  // namespace stgs::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace stgs {
+
+HWY_EXPORT(decode_plane);
+HWY_EXPORT(vector_name);
+
+void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                        std::uint8_t* out) {
+  HWY_DYNAMIC_DISPATCH(decode_plane)(block, lookup, count, out);
+}
+
+const char* rans_vector_target() {
+  return HWY_DYNAMIC_DISPATCH(vector_name)();
+}
+
+}  // namespace stgs
+#endif

@@ -1,0 +1,385 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
+
+#include "rans.h"
+#include "vector_targets.h"
+
+using namespace stgs;
+
+namespace {
+
+using Counts = std::array<std::uint32_t, 256>;
+using Symbols = std::vector<std::uint8_t>;
+
+struct Planes {
+  std::size_t n = 0;
+  std::vector<Symbols> symbols;
+  std::vector<RansTable> tables;
+
+  std::vector<std::uint8_t> encode() const {
+    std::vector<RansPlane> planes;
+    for (std::size_t p = 0; p < symbols.size(); ++p) planes.push_back({symbols[p], &tables[p]});
+    auto bytes = rans_encode(planes, n);
+    REQUIRE(bytes.ok());
+    return *bytes;
+  }
+};
+
+Counts counts_of(const Symbols& symbols) {
+  Counts counts{};
+  for (const std::uint8_t s : symbols) ++counts[s];
+  return counts;
+}
+
+std::uint32_t sum_of(const RansTable& table) {
+  std::uint32_t sum = 0;
+  for (const std::uint32_t f : table.frequency) sum += f;
+  return sum;
+}
+
+// A plane of each kind in turn: skewed, uniform, one symbol, two symbols, most of it one symbol.
+Symbols plane_of(std::size_t n, std::size_t kind, std::mt19937& random) {
+  Symbols symbols(n);
+  std::geometric_distribution<int> skewed(0.2);
+  for (auto& s : symbols) {
+    switch (kind % 5) {
+      case 0:
+        s = static_cast<std::uint8_t>(std::min(255, skewed(random)));
+        break;
+      case 1:
+        s = static_cast<std::uint8_t>(random());
+        break;
+      case 2:
+        s = 77;
+        break;
+      case 3:
+        s = random() % 2 ? 255 : 0;
+        break;
+      default:
+        s = random() % 1000 == 0 ? 9 : 200;
+    }
+  }
+  return symbols;
+}
+
+Planes planes_of(std::size_t n, std::size_t count, unsigned seed) {
+  std::mt19937 random(seed);
+  Planes planes;
+  planes.n = n;
+  for (std::size_t p = 0; p < count; ++p) {
+    planes.symbols.push_back(plane_of(n, p + seed, random));
+    planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
+  }
+  return planes;
+}
+
+struct Decoded {
+  bool opened = false, finished = false;
+  std::vector<Symbols> symbols;
+
+  bool operator==(const Decoded&) const = default;
+};
+
+Decoded decode(std::span<const std::uint8_t> bytes, std::size_t n,
+               const std::vector<RansTable>& tables, bool scalar) {
+  Decoded out;
+  auto decoder = RansGroupDecoder::open(bytes, n, scalar);
+  out.opened = decoder.ok();
+  if (!out.opened) return out;
+  RansLookup lookup;
+  for (const RansTable& table : tables) {
+    rans_lookup(table, lookup);
+    out.symbols.emplace_back(n);
+    decoder->next_plane(lookup, out.symbols.back().data());
+  }
+  out.finished = decoder->finish();
+  return out;
+}
+
+// What the scalar decoder gives, after comparing it with every vector target.
+Decoded decode_everywhere(std::span<const std::uint8_t> bytes, std::size_t n,
+                          const std::vector<RansTable>& tables) {
+  const Decoded scalar = decode(bytes, n, tables, true);
+  testing::for_each_vector_target([&] {
+    INFO(rans_vector_target());
+    if (decode(bytes, n, tables, false) != scalar) FAIL("differs from the scalar decoder");
+  });
+  return scalar;
+}
+
+void check_round_trip(const Planes& planes) {
+  const auto bytes = planes.encode();
+  const Decoded decoded = decode_everywhere(bytes, planes.n, planes.tables);
+  CHECK(decoded.opened);
+  CHECK(decoded.finished);
+  CHECK(decoded.symbols == planes.symbols);
+}
+
+// A flaw is found, or makes the bytes those of other symbols, which a checksum must tell apart.
+void check_damage(const Planes& planes, std::span<const std::uint8_t> bytes) {
+  const Decoded decoded = decode_everywhere(bytes, planes.n, planes.tables);
+  if (!decoded.opened || !decoded.finished) return;
+  Planes others = planes;
+  others.symbols = decoded.symbols;
+  if (others.encode() != Symbols(bytes.begin(), bytes.end())) FAIL("damage that was not found");
+}
+
+// Two planes of 65 primitives, which have two lanes (the example of spec A.7).
+Planes example() {
+  Planes planes;
+  planes.n = 65;
+  planes.symbols.assign(2, Symbols(65));
+  for (std::size_t i = 0; i < 65; ++i) {
+    planes.symbols[0][i] = static_cast<std::uint8_t>(i * i % 7);
+    planes.symbols[1][i] = i % 10 == 3 ? 5 : 0;
+  }
+  planes.tables.resize(2);
+  planes.tables[0].frequency = {600, 1200, 1000, 0, 1296};
+  planes.tables[1].frequency = {3686, 0, 0, 0, 0, 410};
+  return planes;
+}
+
+std::uint32_t random_below(std::mt19937& random, std::uint32_t limit) {
+  return static_cast<std::uint32_t>(random()) % limit;
+}
+
+// Counts of up to 256 symbols, as often small as large, up to 2^bits.
+Counts random_counts(std::mt19937& random, std::uint32_t bits) {
+  Counts counts{};
+  for (std::uint32_t left = 1 + random_below(random, 256); left > 0; --left) {
+    const double log = random_below(random, 100 * bits) / 100.0;
+    counts[random() % 256] = 1 + static_cast<std::uint32_t>(std::exp2(log));
+  }
+  return counts;
+}
+
+Symbols bytes_of(const RansTable& table) {
+  ByteWriter out;
+  write_rans_table(table, out);
+  return out.take();
+}
+
+}  // namespace
+
+TEST_CASE("planes of every size come back, from every vector target") {
+  const auto n = GENERATE(0u, 1u, 2u, 31u, 32u, 33u, 64u, 65u, 1983u, 1984u, 1985u, 2047u, 2048u,
+                          2049u, 5000u);
+  const auto count = GENERATE(1u, 2u, 5u, 16u);
+  check_round_trip(planes_of(n, count, n % 5));
+}
+
+TEST_CASE("a large group of planes comes back") {
+  check_round_trip(planes_of(100000, 10, 0));
+  check_round_trip(planes_of(2500, 64, 3));
+}
+
+TEST_CASE("a group of no planes has states alone, and ends well") {
+  const Planes planes = planes_of(3000, 0, 0);
+  CHECK(planes.encode().size() == 4 * (2 + 32 + 15));
+  check_round_trip(planes);
+}
+
+TEST_CASE("planes that need no words after planes that do are decoded to the end") {
+  std::mt19937 random(4);
+  Planes planes = planes_of(2048, 1, 1);
+  for (int p = 0; p < 3; ++p) {
+    planes.symbols.push_back(plane_of(2048, 2, random));
+    planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
+  }
+  check_round_trip(planes);
+}
+
+TEST_CASE("size is the table's code length within half a per cent, and the states") {
+  for (std::size_t kind = 0; kind < 5; ++kind) {
+    std::mt19937 random(9);
+    Planes planes;
+    planes.n = 100000;
+    double bits = 0;
+    for (int p = 0; p < 16; ++p) {
+      planes.symbols.push_back(plane_of(planes.n, kind, random));
+      planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
+      bits += rans_cost(planes.tables.back(), counts_of(planes.symbols.back()));
+    }
+    const std::size_t blocks = rans_blocks(planes.n);
+    const double states = 4.0 * static_cast<double>(blocks + planes.n / kRansLaneSymbols + 1);
+    CHECK(static_cast<double>(planes.encode().size()) <= bits / 8 * 1.005 + states);
+  }
+}
+
+TEST_CASE("a short block has a lane for each 64 primitives") {
+  for (const std::size_t n : {1u, 64u, 65u, 2048u, 2049u, 2113u}) {
+    Planes planes = planes_of(n, 1, 2);  // one symbol: no words
+    const std::size_t states = (n + 63) / 64;
+    CHECK(planes.encode().size() == 4 * (rans_blocks(n) + states));
+  }
+}
+
+TEST_CASE("the specification's example has its bytes") {
+  const Planes planes = example();
+  const Symbols bytes = planes.encode();
+  CHECK(bytes == Symbols{0x09, 0x00, 0x00, 0x00, 0xB1, 0xE1, 0x36, 0x00, 0xD9, 0xE3,
+                         0x1C, 0x04, 0x85, 0xB2, 0x98, 0x73, 0x75, 0xE2, 0xCF, 0x03,
+                         0x96, 0xAB, 0xD9, 0x7A, 0xCE, 0xF1, 0xC9, 0x9C, 0x22, 0x44});
+  CHECK(bytes_of(planes.tables[0]) == Symbols{0x04, 0x62, 0x21, 0xAC, 0xD1, 0x0F, 0x20});
+  CHECK(bytes_of(planes.tables[1]) == Symbols{0x05, 0x68, 0x06, 0x01, 0x40, 0x00});
+  check_round_trip(planes);
+}
+
+TEST_CASE("what cannot be encoded is refused") {
+  const Symbols symbols{1, 2, 3};
+  const RansTable table = rans_table(counts_of({1, 2}));
+  const RansTable empty;
+  const auto code = [&](std::size_t n, const RansTable& t) {
+    const RansPlane plane{symbols, &t};
+    return rans_encode({&plane, 1}, n).status().code();
+  };
+  CHECK(code(3, table) == StatusCode::kUsage);
+  CHECK(code(3, empty) == StatusCode::kUsage);
+  CHECK(code(4, rans_table(counts_of(symbols))) == StatusCode::kUsage);
+  CHECK(code(3, rans_table(counts_of(symbols))) == StatusCode::kOk);
+}
+
+TEST_CASE("a cut or longer group is refused") {
+  for (const std::size_t n : {1u, 70u, 2100u}) {
+    const Planes planes = planes_of(n, 3, 0);
+    const Symbols whole = planes.encode();
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      const Symbols cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      if (RansGroupDecoder::open(cut, n).ok()) FAIL("cut at " << size);
+    }
+    Symbols longer = whole;
+    longer.push_back(0);
+    CHECK_FALSE(RansGroupDecoder::open(longer, n).ok());
+    CHECK_FALSE(RansGroupDecoder::open(whole, n + kRansBlock).ok());
+    CHECK_FALSE(RansGroupDecoder::open(whole, static_cast<std::size_t>(-1)).ok());
+  }
+}
+
+TEST_CASE("a changed byte is found or gives other symbols, the same from every target") {
+  for (const std::size_t n : {70u, 2100u}) {
+    const Planes planes = planes_of(n, n < 100 ? 6 : 3, 0);
+    const Symbols whole = planes.encode();
+    std::mt19937 random(1);
+    for (std::size_t at = 0; at < whole.size(); at += n < 100 ? 1 : 17) {
+      Symbols damaged = whole;
+      damaged[at] = static_cast<std::uint8_t>(damaged[at] ^ (1 + random() % 255));
+      check_damage(planes, damaged);
+    }
+  }
+}
+
+TEST_CASE("bytes of any kind are decoded without reading past them") {
+  std::mt19937 random(6);
+  const Planes planes = planes_of(2300, 4, 0);
+  for (int run = 0; run < 200; ++run) {
+    const std::uint32_t words[2] = {random_below(random, 90), random_below(random, 90)};
+    Symbols bytes(4 * (2 + 32 + 4) + 2 * (words[0] + words[1]));
+    // Odd, so that all states are possible.
+    for (auto& b : bytes) b = static_cast<std::uint8_t>(random() | 1);
+    for (std::size_t i = 0; i < 8; ++i)
+      bytes[i] = static_cast<std::uint8_t>(words[i / 4] >> (i % 4 * 8));
+    check_damage(planes, bytes);
+  }
+}
+
+TEST_CASE("a state below 65536 is refused") {
+  const Planes planes = planes_of(70, 2, 0);
+  Symbols bytes = planes.encode();
+  bytes[6] = bytes[7] = 0;
+  CHECK_FALSE(RansGroupDecoder::open(bytes, 70).ok());
+}
+
+TEST_CASE("no slot of a table is better given to another symbol") {
+  std::mt19937 random(2);
+  for (int run = 0; run < 40; ++run) {
+    const Counts counts = random_counts(random, 22);
+    const RansTable table = rans_table(counts);
+    REQUIRE(sum_of(table) == kRansTotal);
+    double best_gain = 0, least_loss = 1e300;
+    for (std::size_t s = 0; s < 256; ++s) {
+      REQUIRE((table.frequency[s] > 0) == (counts[s] > 0));
+      const double c = counts[s], f = table.frequency[s];
+      if (c == 0) continue;
+      best_gain = std::max(best_gain, c * std::log2((f + 1) / f));
+      if (f > 1) least_loss = std::min(least_loss, c * std::log2(f / (f - 1)));
+    }
+    CHECK(best_gain <= least_loss * 1.0001);
+  }
+}
+
+TEST_CASE("a table of no counts, of one and of the largest is sound") {
+  CHECK(rans_table(Counts{}).frequency[0] == kRansTotal);
+  Counts counts{};
+  counts[255] = 1;
+  CHECK(rans_table(counts).frequency[255] == kRansTotal);
+  counts.fill(0xFFFFFFFFu);
+  for (const std::uint32_t f : rans_table(counts).frequency) CHECK(f == 16);
+}
+
+TEST_CASE("a table's cost is the code length, and infinite for a symbol that it lacks") {
+  Counts counts{};
+  counts[3] = 1000;
+  counts[4] = 24;
+  RansTable table;
+  table.frequency[3] = 4000;
+  table.frequency[4] = 96;
+  const double expected = 1000 * std::log2(4096.0 / 4000) + 24 * std::log2(4096.0 / 96);
+  CHECK(rans_cost(table, counts) == Approx(expected).epsilon(1e-6));
+  counts[5] = 1;
+  CHECK(std::isinf(rans_cost(table, counts)));
+}
+
+TEST_CASE("tables come back from their bytes, and small ones are small") {
+  std::mt19937 random(3);
+  for (int run = 0; run < 300; ++run) {
+    const RansTable table = rans_table(random_counts(random, 12));
+    ByteWriter out;
+    write_rans_table(table, out);
+    out.u8(0xAB);
+    ByteReader in(out.view());
+    const auto read = read_rans_table(in);
+    REQUIRE(read.ok());
+    CHECK(*read == table);
+    CHECK(in.left() == 1);
+  }
+  Counts counts{};
+  counts[0] = 5;
+  CHECK(bytes_of(rans_table(counts)).size() == 1);
+  for (const std::size_t s : {1u, 255u}) {
+    counts = {};
+    counts[s] = 5;
+    CHECK(bytes_of(rans_table(counts)).size() <= 5);
+  }
+  std::geometric_distribution<int> skewed(0.15);
+  Symbols symbols(30000);
+  for (auto& s : symbols) s = static_cast<std::uint8_t>(std::min(255, skewed(random)));
+  CHECK(bytes_of(rans_table(counts_of(symbols))).size() <= 60);
+}
+
+TEST_CASE("bytes of no table are refused, and no two stand for one table") {
+  const auto check = [](const Symbols& bytes) {
+    ByteReader in(bytes);
+    const auto table = read_rans_table(in);
+    if (!table.ok()) return;
+    const Symbols taken(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(in.position()));
+    if (sum_of(*table) != kRansTotal || bytes_of(*table) != taken) FAIL("not a table's bytes");
+  };
+  check({});
+  for (unsigned value = 0; value < 65536; ++value)
+    check({static_cast<std::uint8_t>(value), static_cast<std::uint8_t>(value >> 8)});
+  std::mt19937 random(5);
+  for (int run = 0; run < 50000; ++run) {
+    Symbols bytes(random() % 40);
+    const bool dense = random() % 2;  // denser or sparser bits: longer or shorter codes
+    for (auto& b : bytes) b = static_cast<std::uint8_t>(dense ? random() : random() & random());
+    check(bytes);
+  }
+  const Symbols whole = bytes_of(example().tables[0]);
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    ByteReader in(std::span<const std::uint8_t>(whole).first(size));
+    CHECK_FALSE(read_rans_table(in).ok());
+  }
+}
