@@ -21,6 +21,7 @@ bool can_be_drawn(const Gaussians4D& set, std::size_t i) {
   return all_finite(set.position, i, 3) && all_finite(set.log_scale, i, 3) &&
          all_finite(set.rotation, i, 4) && all_finite(set.opacity_logit, i, 1) &&
          all_finite(set.sh, i, 3 * static_cast<std::size_t>(set.sh_coefficients())) &&
+         all_finite(set.velocity, i, 3) && all_finite(set.time, i, 1) &&
          (q[0] != 0.0f || q[1] != 0.0f || q[2] != 0.0f || q[3] != 0.0f);
 }
 
@@ -48,7 +49,7 @@ float logit_of_byte(int value) {
   return static_cast<float>(std::log(opacity / (1.0 - opacity)));
 }
 
-Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
+void keep_drawable(Gaussians4D& set, ConversionNotes* notes) {
   for (float& logit : set.opacity_logit) {
     if (std::isinf(logit)) logit = std::copysign(kOpaqueLogit, logit);
   }
@@ -65,6 +66,10 @@ Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
                             set.size() - kept.size(), set.size()));
     set = set.gather(kept);
   }
+}
+
+Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
+  keep_drawable(set, notes);
   return static_scene(std::move(set));
 }
 

@@ -20,8 +20,10 @@ Status check_import_size(const std::string& name, std::uint64_t count, int sh_de
 // half step that rounds to them, whose middle is taken.
 float logit_of_byte(int value);
 
-// A static scene of what was decoded. Primitives that cannot be drawn are left out, with a note;
-// opacities and scales that are infinite, as trainers write them, become finite.
+// Leaves out primitives that cannot be drawn, with a note; opacities and scales that are infinite,
+// as trainers write them, become finite.
+void keep_drawable(Gaussians4D& set, ConversionNotes* notes);
+// A static scene of what was decoded and can be drawn.
 Scene finish_import(Gaussians4D set, ConversionNotes* notes);
 
 // Appends to notes that may not be there.

@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/splatv.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <numbers>
+
+#include "bytes.h"
+#include "interchange/import.h"
+#include "interchange/json_fields.h"
+#include "stgs/format/camera.h"
+
+namespace stgs {
+namespace {
+
+using nlohmann::json;
+using Vector = std::array<double, 3>;
+using Quaternion = std::array<double, 4>;
+
+constexpr std::uint32_t kMagic = 0x674B;
+constexpr std::size_t kHeaderBytes = 8;  // magic, size of the JSON
+constexpr std::size_t kRecordBytes = 64;
+constexpr std::size_t kPixelBytes = 16;  // the records are stored as a picture of such pixels
+constexpr std::uint32_t kMaxJsonBytes = 64 << 20;
+constexpr std::size_t kBlockRecords = 1 << 16;
+constexpr int kSamples = 17;  // moments at which a path is looked at
+constexpr double kHarmonic0 = 0.28209479177387814;
+
+float half_to_float(std::uint32_t half) {
+  const float sign = half & 0x8000 ? -1.0f : 1.0f;
+  const int exponent = static_cast<int>(half >> 10 & 31);
+  const auto mantissa = static_cast<float>(half & 1023);
+  if (exponent == 31) return mantissa != 0 ? NAN : sign * INFINITY;
+  if (exponent == 0) return sign * std::ldexp(mantissa, -24);
+  return sign * std::ldexp(1024 + mantissa, exponent - 25);
+}
+
+// One record, in the file's units: time 0 to 1.
+struct Record {
+  Vector position;
+  Quaternion rotation;
+  std::array<float, 3> scale;  // standard deviations
+  std::array<std::uint8_t, 4> rgba;
+  std::array<Vector, 3> motion;  // factors of dt, dt^2, dt^3
+  Quaternion turning;            // factor of dt
+  double centre, width;          // of its visibility exp(-((t - centre) / width)^2)
+};
+
+Record parse_record(std::span<const std::uint8_t> bytes) {
+  ByteReader reader(bytes);
+  Record r;
+  for (double& v : r.position) v = reader.f32();
+  const auto halves = [&reader] {
+    const std::uint32_t both = reader.u32();
+    return std::array<float, 2>{half_to_float(both & 0xFFFF), half_to_float(both >> 16)};
+  };
+  const auto four = [&halves](Quaternion& q) {
+    for (std::size_t c = 0; c < 4; c += 2) {
+      const auto pair = halves();
+      q[c] = pair[0];
+      q[c + 1] = pair[1];
+    }
+  };
+  four(r.rotation);
+  const auto xy = halves(), z = halves();
+  r.scale = {xy[0], xy[1], z[0]};
+  for (std::uint8_t& v : r.rgba) v = reader.u8();
+  std::array<float, 10> motion;
+  for (std::size_t i = 0; i < 10; i += 2) {
+    const auto pair = halves();
+    motion[i] = pair[0];
+    motion[i + 1] = pair[1];
+  }
+  for (std::size_t i = 0; i < 9; ++i) r.motion[i / 3][i % 3] = motion[i];
+  four(r.turning);
+  const auto time = halves();
+  r.centre = time[0];
+  r.width = std::abs(time[1]);
+  return r;
+}
+
+// A moment of a primitive's life, and how much it counts.
+struct Sample {
+  double dt, weight;
+};
+
+// Moments spread over the time in which a primitive of that opacity is seen; none where it never
+// is.
+std::vector<Sample> life_of(const Record& r, double opacity) {
+  const double margin = std::log(opacity * 255);
+  if (!(margin >= 0) || !(r.width > 0) || !std::isfinite(r.centre)) return {};
+  const double reach = r.width * std::sqrt(margin);
+  const double begin = std::max(0.0, r.centre - reach), end = std::min(1.0, r.centre + reach);
+  if (!(begin <= end)) return {};
+  std::vector<Sample> out;
+  for (int i = 0; i < kSamples; ++i) {
+    const double dt = begin + (end - begin) * i / (kSamples - 1) - r.centre;
+    out.push_back({dt, std::exp(-dt * dt / (r.width * r.width))});
+  }
+  return out;
+}
+
+Vector path_at(const Record& r, double dt) {
+  Vector out;
+  for (std::size_t c = 0; c < 3; ++c) {
+    out[c] = dt * (r.motion[0][c] + dt * (r.motion[1][c] + dt * r.motion[2][c]));
+  }
+  return out;
+}
+
+// A straight path: offset + dt * velocity.
+struct Line {
+  Vector offset{}, velocity{};
+};
+
+// The nearest straight path in the mean of squares.
+Line fit_line(const Record& r, const std::vector<Sample>& life) {
+  double weight = 0, mean = 0, variance = 0;
+  for (const Sample& s : life) {
+    weight += s.weight;
+    mean += s.weight * s.dt;
+  }
+  mean /= weight;
+  Line line;
+  Vector at_mean{}, covariance{};
+  for (const Sample& s : life) {
+    const Vector p = path_at(r, s.dt);
+    variance += s.weight * (s.dt - mean) * (s.dt - mean);
+    for (std::size_t c = 0; c < 3; ++c) {
+      at_mean[c] += s.weight * p[c] / weight;
+      covariance[c] += s.weight * (s.dt - mean) * p[c];
+    }
+  }
+  for (std::size_t c = 0; c < 3; ++c) {
+    line.velocity[c] = variance > 0 ? covariance[c] / variance : r.motion[0][c];
+    line.offset[c] = at_mean[c] - mean * line.velocity[c];
+  }
+  return line;
+}
+
+Quaternion rotation_at(const Record& r, double dt) {
+  Quaternion q;
+  double square = 0;
+  for (std::size_t c = 0; c < 4; ++c) {
+    q[c] = r.rotation[c] + dt * r.turning[c];
+    square += q[c] * q[c];
+  }
+  for (double& v : q) v /= std::sqrt(square);
+  return q;
+}
+
+double degrees_between(const Quaternion& a, const Quaternion& b) {
+  double dot = 0;
+  for (std::size_t c = 0; c < 4; ++c) dot += a[c] * b[c];
+  return 2 * std::acos(std::min(1.0, std::abs(dot))) * 180 / std::numbers::pi;
+}
+
+// Where the records lie, and what the file says beside them.
+struct Layout {
+  std::uint64_t offset = 0, records = 0;
+  std::optional<StartCamera> camera;
+};
+
+std::optional<StartCamera> start_camera(const json& cameras) {
+  if (!cameras.is_array() || cameras.empty()) return {};
+  const json& c = cameras[0];
+  const json& rows = member(c, "rotation");
+  if (!rows.is_array() || rows.size() != 3) return {};
+  StartCamera out;
+  const auto position = number_list(member(c, "position"), 3, "");
+  float to_world[9];
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto row = number_list(rows[i], 3, "");
+    if (!row.ok()) return {};
+    for (std::size_t j = 0; j < 3; ++j) to_world[3 * i + j] = static_cast<float>((*row)[j]);
+  }
+  const auto size = number_list({member(c, "width"), member(c, "height")}, 2, "");
+  const auto focal = number_list({member(c, "fx"), member(c, "fy")}, 2, "");
+  if (!position.ok() || !size.ok() || !focal.ok() || !is_rotation(to_world)) return {};
+  for (double side : *size) {
+    if (!(side >= 1 && side <= kMaxPictureSide)) return {};
+  }
+  if (!((*focal)[0] > 0 && (*focal)[1] > 0)) return {};
+  for (std::size_t i = 0; i < 3; ++i) {
+    double t = 0;
+    for (std::size_t j = 0; j < 3; ++j) {
+      out.rotation[3 * i + j] = to_world[3 * j + i];
+      t -= double{to_world[3 * j + i]} * (*position)[j];
+    }
+    out.translation[i] = static_cast<float>(t);
+  }
+  out.width = static_cast<std::uint32_t>((*size)[0]);
+  out.height = static_cast<std::uint32_t>((*size)[1]);
+  out.fx = static_cast<float>((*focal)[0]);
+  out.fy = static_cast<float>((*focal)[1]);
+  out.cx = static_cast<float>(out.width) / 2;
+  out.cy = static_cast<float>(out.height) / 2;
+  return out;
+}
+
+// The chunks follow the JSON that lists them, in its order.
+Result<Layout> read_layout(const ByteSource& source) {
+  std::array<std::uint8_t, kHeaderBytes> header;
+  STGS_TRY(source.read(0, header));
+  ByteReader reader(header);
+  if (reader.u32() != kMagic) return invalid_file("{}: is not a .splatv file", source.name());
+  const std::uint32_t json_bytes = reader.u32();
+  if (json_bytes > kMaxJsonBytes || json_bytes > source.size() - kHeaderBytes) {
+    return invalid_file("{}: byte 4 promises {} bytes of JSON, the file has {}", source.name(),
+                        json_bytes, source.size() - kHeaderBytes);
+  }
+  std::vector<std::uint8_t> text(json_bytes);
+  STGS_TRY(source.read(kHeaderBytes, text));
+  STGS_ASSIGN(const json chunks, parse_json(text, source.name() + ": the list of chunks"));
+  if (!chunks.is_array()) return invalid_file("{}: its JSON is not a list", source.name());
+  std::optional<Layout> found;
+  std::uint64_t at = kHeaderBytes + json_bytes;
+  for (const json& chunk : chunks) {
+    const json& size_field = member(chunk, "size");
+    if (!size_field.is_number_unsigned()) {
+      return invalid_file("{}: a chunk has no size", source.name());
+    }
+    const auto size = size_field.get<std::uint64_t>();
+    if (size > source.size() - at) {
+      return invalid_file("{}: the chunk at byte {} has {} bytes, the file ends {} bytes after it",
+                          source.name(), at, size, source.size() - at);
+    }
+    if (member(chunk, "type") == "splat") {
+      if (found) return unsupported("{}: has several chunks of splats", source.name());
+      const json &width = member(chunk, "texwidth"), &height = member(chunk, "texheight");
+      const std::uint64_t pixels = size / kPixelBytes;
+      const auto columns = width.is_number_unsigned() ? width.get<std::uint64_t>() : 0;
+      if (columns == 0 || !height.is_number_unsigned() || size % kRecordBytes != 0 ||
+          pixels % columns != 0 || pixels / columns != height.get<std::uint64_t>()) {
+        return invalid_file("{}: texwidth, texheight and size do not agree with each other",
+                            source.name());
+      }
+      found = Layout{at, size / kRecordBytes, start_camera(member(chunk, "cameras"))};
+    }
+    at += size;
+  }
+  if (!found) return invalid_file("{}: has no chunk of type \"splat\"", source.name());
+  return *found;
+}
+
+// Collects primitives, and what each loses.
+class Importer {
+ public:
+  Importer(const SplatvSettings& settings, Gaussians4D& set) : settings_(settings), set_(set) {}
+
+  void add(const Record& r) {
+    if (r.rgba[3] == 0) {
+      ++empty_;  // the unused end of the picture has zeros
+      return;
+    }
+    const float logit = logit_of_byte(r.rgba[3]);
+    const std::vector<Sample> life = life_of(r, 1 / (1 + std::exp(-double{logit})));
+    if (life.empty()) {
+      ++never_;
+      return;
+    }
+    const Line line = fit_line(r, life);
+    double turn_time = 0, weight = 0;
+    for (const Sample& s : life) {
+      turn_time += s.weight * s.dt;
+      weight += s.weight;
+    }
+    const Quaternion q = rotation_at(r, turn_time / weight);
+    append(r, line, q, logit);
+    measure(r, life, line, q);
+  }
+
+  // The last words, once the set holds what can be drawn.
+  void finish(const Layout& layout, SplatvReport* report, ConversionNotes* notes) {
+    report_.primitives = set_.size();
+    report_.path_rms = std::sqrt(squares_ / std::max<double>(1, static_cast<double>(measured_)));
+    if (never_ > 0) {
+      note(notes, fmt::format("{} of {} primitives are left out: they are never seen between its "
+                              "times 0 and 1",
+                              never_, layout.records - empty_));
+    }
+    if (report_.path_max > 0) {
+      note(notes, fmt::format("paths are made straight: off by {:.3g} scene units at most, {:.3g} "
+                              "rms; {} of {} by more than {} of their size",
+                              report_.path_max, report_.path_rms, report_.bent, report_.primitives,
+                              settings_.bend));
+    }
+    if (report_.rotation_max > 0.1) {
+      note(notes, fmt::format("primitives that turn keep one rotation: off by {:.3g} degrees at "
+                              "most",
+                              report_.rotation_max));
+    }
+    if (report != nullptr) *report = report_;
+  }
+
+ private:
+  void append(const Record& r, const Line& line, const Quaternion& q, float logit) {
+    const double frames = settings_.frames;
+    for (std::size_t c = 0; c < 3; ++c) {
+      set_.position.push_back(static_cast<float>(r.position[c] + line.offset[c]));
+      set_.velocity.push_back(static_cast<float>(line.velocity[c] / frames));
+      set_.log_scale.push_back(std::log(r.scale[c]));
+      set_.sh.push_back(static_cast<float>((r.rgba[c] / 255.0 - 0.5) / kHarmonic0));
+    }
+    for (double v : q) set_.rotation.push_back(static_cast<float>(v));
+    set_.opacity_logit.push_back(logit);
+    set_.time.push_back(static_cast<float>(r.centre * frames));
+    set_.sigma.push_back(static_cast<float>(std::min(r.width, 65504.0) * frames));
+    set_.radius.push_back(0);
+  }
+
+  void measure(const Record& r, const std::vector<Sample>& life, const Line& line,
+               const Quaternion& q) {
+    double farthest = 0, turned = 0;
+    for (const Sample& s : life) {
+      const Vector p = path_at(r, s.dt);
+      double square = 0;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double d = p[c] - line.offset[c] - s.dt * line.velocity[c];
+        square += d * d;
+      }
+      farthest = std::max(farthest, std::sqrt(square));
+      turned = std::max(turned, degrees_between(q, rotation_at(r, s.dt)));
+    }
+    std::array<float, 3> scale = r.scale;
+    if (!std::isfinite(farthest + turned + scale[0] + scale[1] + scale[2])) return;  // left out
+    std::sort(scale.begin(), scale.end());
+    report_.bent += farthest > settings_.bend * double{scale[1]} ? 1 : 0;
+    report_.path_max = std::max(report_.path_max, farthest);
+    report_.rotation_max = std::max(report_.rotation_max, turned);
+    squares_ += farthest * farthest;
+    ++measured_;
+  }
+
+  const SplatvSettings& settings_;
+  Gaussians4D& set_;
+  SplatvReport report_;
+  std::uint64_t empty_ = 0, never_ = 0, measured_ = 0;
+  double squares_ = 0;
+};
+
+}  // namespace
+
+bool is_splatv(std::span<const std::uint8_t> head) {
+  return head.size() >= 4 && ByteReader(head).u32() == kMagic;
+}
+
+Result<Scene> read_splatv(const ByteSource& source, const SplatvSettings& settings,
+                          const ReadLimits& limits, SplatvReport* report, ConversionNotes* notes) {
+  if (settings.frames == 0) return usage_error("a clip has one frame at least");
+  STGS_ASSIGN(const Layout layout, read_layout(source));
+  STGS_TRY(check_import_size(source.name(), layout.records, 0, limits));
+  Scene scene;
+  scene.metadata.time_base = settings.frame_time;
+  scene.metadata.frames = settings.frames;
+  scene.metadata.start_camera = layout.camera;
+  Importer importer(settings, scene.gaussians);
+  std::vector<std::uint8_t> block;
+  for (std::uint64_t done = 0; done < layout.records;) {
+    const std::uint64_t count = std::min<std::uint64_t>(kBlockRecords, layout.records - done);
+    block.resize(static_cast<std::size_t>(count * kRecordBytes));
+    STGS_TRY(source.read(layout.offset + done * kRecordBytes, block));
+    for (std::size_t i = 0; i < count; ++i) {
+      importer.add(parse_record(std::span(block).subspan(i * kRecordBytes, kRecordBytes)));
+    }
+    done += count;
+  }
+  keep_drawable(scene.gaussians, notes);
+  importer.finish(layout, report, notes);
+  return scene;
+}
+
+}  // namespace stgs
