@@ -18,6 +18,34 @@ std::size_t block_size(std::size_t n, std::size_t block) {
 
 }  // namespace
 
+Result<std::vector<RansBlockPlace>> rans_layout(std::span<const std::uint8_t> bytes,
+                                                std::size_t n) {
+  const std::size_t count = rans_blocks(n);
+  // Each block has a size and a state at least.
+  if (count > bytes.size() / 8) {
+    return invalid_file("group of {} bytes: too short for {} primitives", bytes.size(), n);
+  }
+  ByteReader sizes(bytes), data(bytes);
+  data.bytes(4 * count);
+  std::vector<RansBlockPlace> places(count);
+  for (std::size_t b = 0; b < count; ++b) {
+    places[b] = {data.position(), sizes.u32()};
+    bool possible = true;
+    for (std::size_t lane = 0; lane < rans_lanes(block_size(n, b)); ++lane)
+      possible = data.u32() >= kRansLow && possible;
+    data.bytes(std::uint64_t{2} * places[b].words);
+    if (!data.ok() || !possible) {
+      return invalid_file("block {} of a group, at its byte {}: {}", b, places[b].states,
+                          data.ok() ? "a state below 65536" : "ends after the group");
+    }
+  }
+  if (data.left() != 0) {
+    return invalid_file("group of {} bytes: its blocks end at byte {}", bytes.size(),
+                        data.position());
+  }
+  return places;
+}
+
 RansGroupDecoder::RansGroupDecoder(std::unique_ptr<RansBlock[]> blocks, std::size_t n, bool scalar)
     : blocks_(std::move(blocks)), n_(n), scalar_(scalar) {}
 RansGroupDecoder::RansGroupDecoder(RansGroupDecoder&&) noexcept = default;
@@ -26,35 +54,16 @@ RansGroupDecoder::~RansGroupDecoder() = default;
 
 Result<RansGroupDecoder> RansGroupDecoder::open(std::span<const std::uint8_t> bytes, std::size_t n,
                                                 bool scalar) {
-  const std::size_t count = rans_blocks(n);
-  // Each block has a size and a state at least; so what follows cannot overflow.
-  if (count > bytes.size() / 8) {
-    return invalid_file("group of {} bytes: too short for {} primitives", bytes.size(), n);
-  }
-  ByteReader sizes(bytes), data(bytes);
-  data.bytes(4 * count);
-  auto blocks = std::make_unique<RansBlock[]>(count);
-  for (std::size_t b = 0; b < count; ++b) {
+  STGS_ASSIGN(const std::vector<RansBlockPlace> places, rans_layout(bytes, n));
+  auto blocks = std::make_unique<RansBlock[]>(places.size());
+  for (std::size_t b = 0; b < places.size(); ++b) {
     RansBlock& block = blocks[b];
-    const std::uint64_t words = sizes.u32();
     block.lanes = rans_lanes(block_size(n, b));
-    const std::size_t at = data.position();
-    bool possible = true;
-    for (std::size_t lane = 0; lane < block.lanes; ++lane) {
-      block.state[lane] = data.u32();
-      possible = possible && block.state[lane] >= kRansLow;
-    }
-    const auto coded = data.bytes(2 * words);
-    if (!data.ok() || !possible) {
-      return invalid_file("block {} of a group, at its byte {}: {}", b, at,
-                          data.ok() ? "a state below 65536" : "ends after the group");
-    }
+    ByteReader data(bytes.subspan(places[b].states));
+    for (std::size_t lane = 0; lane < block.lanes; ++lane) block.state[lane] = data.u32();
+    const auto coded = data.bytes(std::uint64_t{2} * places[b].words);
     block.next = coded.data();
     block.end = coded.data() + coded.size();
-  }
-  if (data.left() != 0) {
-    return invalid_file("group of {} bytes: its blocks end at byte {}", bytes.size(),
-                        data.position());
   }
   return RansGroupDecoder(std::move(blocks), n, scalar);
 }

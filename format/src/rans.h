@@ -16,24 +16,10 @@
 #include <vector>
 
 #include "bytes.h"
+#include "stgs/format/rans_layout.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
-
-inline constexpr int kRansBits = 12;                   // of a frequency
-inline constexpr std::uint32_t kRansTotal = 1u << 12;  // sum of a table's frequencies
-inline constexpr std::uint32_t kRansLow = 1u << 16;    // least state; a coded word has 16 bits
-inline constexpr std::size_t kRansLanes = 32;          // of a block, at most
-inline constexpr std::size_t kRansBlock = 2048;        // primitives of a block
-inline constexpr std::size_t kRansLaneSymbols = 64;    // of a lane in a plane, at most
-
-constexpr std::size_t rans_blocks(std::size_t n) {
-  return n / kRansBlock + (n % kRansBlock != 0);
-}
-// Lanes of a block of `count` primitives: a short block has fewer, for each stores a state.
-constexpr std::size_t rans_lanes(std::size_t count) {
-  return (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
-}
 
 // Frequencies of the symbols, of 4096. A symbol of frequency 0 cannot be coded.
 struct RansTable {
@@ -54,8 +40,6 @@ void write_rans_table(const RansTable& table, ByteWriter& out);
 // Takes a table from `in`; an error (kInvalidFile) if its bytes hold none.
 Result<RansTable> read_rans_table(ByteReader& in);
 
-// For each slot: slot - start in bits 0 to 11, frequency - 1 in 12 to 23, symbol in 24 to 31.
-using RansLookup = std::array<std::uint32_t, kRansTotal>;
 // The table must add up to 4096.
 void rans_lookup(const RansTable& table, RansLookup& lookup);
 
@@ -74,9 +58,8 @@ struct RansBlock;  // rans_block.h
 // are decoded on several threads. One thread at a time may use an object.
 class RansGroupDecoder {
  public:
-  // Checks the group's sizes and first states; `bytes` must outlive the decoder. Takes about
-  // 300 bytes of memory a block, of which at least 8 must be there in `bytes`, and 136 but for the
-  // last. `scalar`: without the vector unit, for tests.
+  // Checks the group as rans_layout does; `bytes` must outlive the decoder. Takes about three times
+  // the memory of `bytes` at most. `scalar`: without the vector unit, for tests.
   static Result<RansGroupDecoder> open(std::span<const std::uint8_t> bytes, std::size_t n,
                                        bool scalar = false);
   RansGroupDecoder(RansGroupDecoder&&) noexcept;

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// A warp decodes a block, a lane of it is a lane of the block; the warps of a thread block go
+// through the planes together, so that a plane's table is brought to shared memory once for all.
+#include "cuda/rans_decode.h"
+
+namespace stgs::player::cuda {
+namespace {
+
+constexpr unsigned kAllLanes = 0xFFFFFFFFu;
+constexpr unsigned kThreads = 32 * kRansWarps;
+constexpr std::uint32_t kLanes = kRansLanes, kBlock = kRansBlock;
+
+// The words of a block: the next 32 and the 32 after them, one of each a lane, so that memory is
+// asked long before its answer is needed.
+class Words {
+ public:
+  __device__ Words(const std::uint16_t* words, std::uint32_t count, unsigned lane)
+      : words_(words), count_(count), lane_(lane), near_(load(0)), far_(load(kLanes)) {}
+
+  // For each lane that wants one the next word, by lane; 0 past the end. For the whole warp.
+  __device__ std::uint32_t take(bool wants) {
+    const unsigned takers = __ballot_sync(kAllLanes, wants);
+    const unsigned at = used_ + __popc(takers & ((1u << lane_) - 1u));
+    const std::uint32_t near = __shfl_sync(kAllLanes, near_, static_cast<int>(at % kLanes));
+    const std::uint32_t far = __shfl_sync(kAllLanes, far_, static_cast<int>(at % kLanes));
+    used_ += __popc(takers);
+    if (used_ >= kLanes) {
+      used_ -= kLanes;
+      base_ += kLanes;
+      near_ = far_;
+      far_ = load(base_ + kLanes);
+    }
+    return at < kLanes ? near : far;
+  }
+  __device__ bool at_end() const { return base_ + used_ == count_; }
+
+ private:
+  __device__ std::uint32_t load(std::uint64_t first) const {
+    return first + lane_ < count_ ? __ldg(words_ + first + lane_) : 0u;
+  }
+
+  const std::uint16_t* words_;
+  std::uint64_t count_, base_ = 0;  // base_: of the next 32
+  unsigned lane_, used_ = 0;        // used_: of the next 32, below 32
+  std::uint32_t near_, far_;
+};
+
+__device__ void load_lookup(const std::uint32_t* from, std::uint32_t* to) {
+  for (unsigned i = threadIdx.x; i < kRansTotal / 4; i += kThreads)
+    reinterpret_cast<uint4*>(to)[i] = __ldg(reinterpret_cast<const uint4*>(from) + i);
+}
+
+// The symbols of a warp's block in one plane. The warp takes every step as one, as its lanes
+// share the words.
+__device__ void decode_plane(const std::uint32_t* lookup, std::uint32_t count, std::uint32_t lanes,
+                             unsigned lane, std::uint32_t& state, Words& words, std::uint8_t* out) {
+  for (std::uint32_t first = 0; first < count; first += lanes) {
+    const bool active = lane < lanes && first + lane < count;
+    std::uint32_t x = state;
+    if (active) {
+      const std::uint32_t entry = lookup[x % kRansTotal];
+      x = ((entry >> kRansBits) % kRansTotal + 1) * (x >> kRansBits) + entry % kRansTotal;
+      out[first + lane] = static_cast<std::uint8_t>(entry >> 24);
+    }
+    const bool wants = active && x < kRansLow;
+    const std::uint32_t word = words.take(wants);
+    state = wants ? x << 16 | word : x;
+  }
+}
+
+__global__ void __launch_bounds__(kThreads)
+    decode_kernel(const RansGroup* groups, const RansWork* works) {
+  __shared__ alignas(16) std::uint32_t lookup[kRansTotal];
+  const RansWork work = works[blockIdx.x];
+  const RansGroup group = groups[work.group];
+  const unsigned lane = threadIdx.x % kLanes;
+  const std::uint64_t block = work.first_block + threadIdx.x / kLanes;
+  const std::uint64_t begin = block * kBlock;
+  // A warp past the last block has none, but helps with the tables.
+  const std::uint32_t count =
+      begin < group.primitives
+          ? static_cast<std::uint32_t>(min(std::uint64_t{kBlock}, group.primitives - begin))
+          : 0;
+  const std::uint32_t lanes = (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
+  const RansBlockPlace place = count > 0 ? group.blocks[block] : RansBlockPlace{};
+  const auto* stored = reinterpret_cast<const std::uint16_t*>(group.bytes + place.states);
+  std::uint32_t state = kRansLow;
+  if (lane < lanes) {
+    state = __ldg(stored + 2 * lane) | static_cast<std::uint32_t>(__ldg(stored + 2 * lane + 1))
+                                           << 16;
+  }
+  Words words(stored + 2 * lanes, place.words, lane);
+  for (std::uint32_t p = 0; p < group.planes; ++p) {
+    __syncthreads();  // all have done with the plane before
+    load_lookup(group.lookups + std::uint64_t{p} * kRansTotal, lookup);
+    __syncthreads();
+    decode_plane(lookup, count, lanes, lane, state, words,
+                 group.symbols + std::uint64_t{p} * group.primitives + begin);
+  }
+  const bool sound = __all_sync(kAllLanes, state == kRansLow) && words.at_end();
+  if (lane == 0 && !sound) atomicAdd(group.damaged, 1u);
+}
+
+}  // namespace
+
+std::vector<RansWork> rans_work(std::span<const std::uint32_t> primitives) {
+  std::vector<RansWork> works;
+  for (std::uint32_t g = 0; g < primitives.size(); ++g) {
+    const auto blocks = static_cast<std::uint32_t>(rans_blocks(primitives[g]));
+    for (std::uint32_t b = 0; b < blocks; b += kRansWarps) works.push_back({g, b});
+  }
+  return works;
+}
+
+void decode_rans(const RansGroup* groups, const RansWork* work, std::uint32_t count,
+                 cudaStream_t stream) {
+  if (count > 0) decode_kernel<<<count, kThreads, 0, stream>>>(groups, work);
+}
+
+}  // namespace stgs::player::cuda

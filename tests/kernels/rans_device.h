@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// Groups on an NVIDIA GPU, for the test and the benchmark of its rANS decoder.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstring>
+#include <stdexcept>
+#include <vector>
+
+#include "cuda/rans_decode.h"
+#include "rans.h"
+
+namespace stgs::testing {
+
+inline void check_cuda(cudaError_t error) {
+  if (error != cudaSuccess) throw std::runtime_error(cudaGetErrorString(error));
+}
+
+// Device memory that holds what it was made with.
+template <typename T>
+class OnDevice {
+ public:
+  OnDevice() = default;
+  explicit OnDevice(std::span<const T> values) : size_(values.size()) {
+    check_cuda(cudaMalloc(&data_, std::max<std::size_t>(1, values.size_bytes())));
+    check_cuda(cudaMemcpy(data_, values.data(), values.size_bytes(), cudaMemcpyHostToDevice));
+  }
+  OnDevice(OnDevice&& other) noexcept
+      : data_(std::exchange(other.data_, nullptr)), size_(other.size_) {}
+  OnDevice& operator=(OnDevice&& other) noexcept {
+    std::swap(data_, other.data_);
+    std::swap(size_, other.size_);
+    return *this;
+  }
+  ~OnDevice() { cudaFree(data_); }
+
+  T* data() const { return static_cast<T*>(data_); }
+  std::vector<T> read() const {
+    std::vector<T> values(size_);
+    check_cuda(cudaMemcpy(values.data(), data_, size_ * sizeof(T), cudaMemcpyDeviceToHost));
+    return values;
+  }
+
+ private:
+  void* data_ = nullptr;
+  std::size_t size_ = 0;
+};
+
+// A group that rans_layout accepts, with room for its symbols.
+struct DeviceGroup {
+  DeviceGroup(std::span<const std::uint8_t> stored, std::size_t n,
+              const std::vector<RansTable>& tables) {
+    const auto places = rans_layout(stored, n);
+    if (!places.ok()) throw std::runtime_error(places.status().message());
+    std::vector<RansLookup> tables_filled(tables.size());
+    for (std::size_t p = 0; p < tables.size(); ++p) rans_lookup(tables[p], tables_filled[p]);
+    bytes = OnDevice<std::uint8_t>(stored);
+    blocks = OnDevice<RansBlockPlace>(*places);
+    lookups = OnDevice<RansLookup>(tables_filled);
+    symbols = OnDevice<std::uint8_t>(std::vector<std::uint8_t>(n * tables.size()));
+    damaged = OnDevice<std::uint32_t>(std::vector<std::uint32_t>(1));
+    group.bytes = bytes.data();
+    group.blocks = blocks.data();
+    group.lookups = reinterpret_cast<const std::uint32_t*>(lookups.data());
+    group.symbols = symbols.data();
+    group.damaged = damaged.data();
+    group.primitives = static_cast<std::uint32_t>(n);
+    group.planes = static_cast<std::uint32_t>(tables.size());
+  }
+
+  OnDevice<std::uint8_t> bytes, symbols;
+  OnDevice<RansBlockPlace> blocks;
+  OnDevice<RansLookup> lookups;
+  OnDevice<std::uint32_t> damaged;
+  player::cuda::RansGroup group;
+};
+
+// Groups with their work, ready to be decoded at once.
+class DeviceDecoder {
+ public:
+  explicit DeviceDecoder(const std::vector<DeviceGroup>& groups) {
+    std::vector<player::cuda::RansGroup> all;
+    std::vector<std::uint32_t> sizes;
+    for (const DeviceGroup& g : groups) {
+      all.push_back(g.group);
+      sizes.push_back(g.group.primitives);
+    }
+    const auto work = player::cuda::rans_work(sizes);
+    groups_ = OnDevice<player::cuda::RansGroup>(all);
+    work_ = OnDevice<player::cuda::RansWork>(work);
+    count_ = static_cast<std::uint32_t>(work.size());
+  }
+  // Waits for its end.
+  void decode() {
+    player::cuda::decode_rans(groups_.data(), work_.data(), count_, nullptr);
+    check_cuda(cudaGetLastError());
+    check_cuda(cudaDeviceSynchronize());
+  }
+
+ private:
+  OnDevice<player::cuda::RansGroup> groups_;
+  OnDevice<player::cuda::RansWork> work_;
+  std::uint32_t count_ = 0;
+};
+
+}  // namespace stgs::testing
