@@ -48,8 +48,9 @@ struct RansPlane {
   const RansTable* table = nullptr;
 };
 
-// A group of planes of n primitives each, coded (spec A.3). An error (kUsage) if a plane's size is
-// not n, a table does not add up to 4096 or lacks a symbol of its plane.
+// A group of planes of n primitives each, coded (spec A.3). An error (kUsage) if there are more
+// than kRansPlanes, a plane's size is not n, a table does not add up to 4096 or lacks a symbol of
+// its plane.
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n);
 
 struct RansBlock;  // rans_block.h

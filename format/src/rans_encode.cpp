@@ -93,6 +93,9 @@ CodedBlock encode_block(std::span<const RansPlane> planes, const std::vector<Ste
 }  // namespace
 
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n) {
+  if (planes.size() > kRansPlanes) {
+    return usage_error("{} planes in a group, which holds {} at most", planes.size(), kRansPlanes);
+  }
   std::vector<Steps> steps(planes.size());
   for (std::size_t p = 0; p < planes.size(); ++p) {
     STGS_TRY(check_plane(planes[p], p, n));

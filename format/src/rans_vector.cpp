@@ -63,8 +63,10 @@ HWY_INLINE StateVec deal_words(const std::uint8_t* next, StateMask mask) {
 #endif
 }
 
-// A symbol of each lane of x; returns where the words go on.
-HWY_INLINE const std::uint8_t* step(StateVec& x, const std::uint32_t* lookup,
+// A symbol of each lane of x; returns where the words go on. The first `lanes` lanes take words,
+// or all where the block is whole.
+template <bool kWhole>
+HWY_INLINE const std::uint8_t* step(StateVec& x, std::size_t lanes, const std::uint32_t* lookup,
                                     const std::uint8_t* next, std::uint8_t* out) {
   const States d;
   const hn::RebindToSigned<States> di;
@@ -75,7 +77,8 @@ HWY_INLINE const std::uint8_t* step(StateVec& x, const std::uint32_t* lookup,
   const StateVec quotient = hn::ShiftRight<kRansBits>(x);
   const StateVec less = hn::And(hn::ShiftRight<kRansBits>(entry), low);
   const StateVec y = hn::Add(hn::Mul(quotient, less), hn::Add(quotient, hn::And(entry, low)));
-  const StateMask wants = hn::Eq(hn::ShiftRight<16>(y), hn::Zero(d));
+  StateMask wants = hn::Eq(hn::ShiftRight<16>(y), hn::Zero(d));
+  if constexpr (!kWhole) wants = hn::And(wants, hn::FirstN(d, lanes));
   const StateVec refilled = hn::Or(hn::ShiftLeft<16>(y), deal_words(next, wants));
   x = hn::IfThenElse(wants, refilled, y);
   return next + 2 * hn::CountTrue(d, wants);
@@ -90,21 +93,28 @@ void move_to_tail(RansBlock& block) {
   block.moved = true;
 }
 
-void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
-                  std::uint8_t* out) {
+// Decodes whole steps until fewer symbols are left than the vectors of one store; returns how many
+// it has decoded. A store's bytes past a step's last lane are the next step's to overwrite.
+template <bool kWhole>
+HWY_INLINE std::size_t decode_steps(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                                    std::uint8_t* out) {
   const States d;
-  const std::size_t whole = block.lanes == kRansLanes ? count / kRansLanes * kRansLanes : 0;
+  const std::size_t lanes = kWhole ? kRansLanes : block.lanes;
+  const std::size_t vectors = kWhole ? kVectors : (lanes + kVectorLanes - 1) / kVectorLanes;
   StateVec x[kVectors];
   for (std::size_t v = 0; v < kVectors; ++v) x[v] = hn::LoadU(d, block.state + v * kVectorLanes);
-  for (std::size_t i = 0; i < whole;) {
+  std::size_t i = 0;
+  while (i + vectors * kVectorLanes <= count) {
     if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
       move_to_tail(block);
     const std::uint8_t* next = block.next;
     // The last place for a step to begin at: with 64 bytes to load, or no words that were missing.
     const std::uint8_t* const last = block.moved ? block.end : block.end - kStepBytes;
-    for (; i < whole && next <= last; i += kRansLanes) {
-      for (std::size_t v = 0; v < kVectors; ++v)
-        next = step(x[v], lookup.data(), next, out + i + v * kVectorLanes);
+    for (; i + vectors * kVectorLanes <= count && next <= last; i += lanes) {
+      for (std::size_t v = 0; v < vectors; ++v) {
+        next = step<kWhole>(x[v], lanes - v * kVectorLanes, lookup.data(), next,
+                            out + i + v * kVectorLanes);
+      }
     }
     block.next = next;
     if (next > block.end) {  // what was taken past the end was 0
@@ -113,7 +123,15 @@ void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
     }
   }
   for (std::size_t v = 0; v < kVectors; ++v) hn::StoreU(x[v], d, block.state + v * kVectorLanes);
-  rans_decode_scalar(block, lookup, whole, count, out);
+  return i;
+}
+
+void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                  std::uint8_t* out) {
+  const std::size_t done = block.lanes == kRansLanes
+                               ? decode_steps<true>(block, lookup, count, out)
+                               : decode_steps<false>(block, lookup, count, out);
+  rans_decode_scalar(block, lookup, done, count, out);
 }
 
 const char* vector_name() {

@@ -101,7 +101,7 @@ nlohmann::json measure(std::size_t n, double entropy) {
 int main() {
   const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
   nlohmann::json out = nlohmann::json::array();
-  for (const std::size_t n : {2000u, 30000u, 1000000u})
+  for (const std::size_t n : {500u, 1000u, 2000u, 30000u, 1000000u})
     for (const double entropy : {0.5, 2.0, 4.0, 7.0}) out.push_back(measure(n, entropy));
   std::printf("%s\n", out.dump(2).c_str());
   return 0;

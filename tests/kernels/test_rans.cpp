@@ -83,8 +83,8 @@ Symbols bytes_of(const RansTable& table) {
 }  // namespace
 
 TEST_CASE("planes of every size come back, from every vector target") {
-  const auto n = GENERATE(0u, 1u, 2u, 31u, 32u, 33u, 64u, 65u, 1983u, 1984u, 1985u, 2047u, 2048u,
-                          2049u, 5000u);
+  const auto n = GENERATE(0u, 1u, 2u, 31u, 32u, 33u, 64u, 65u, 511u, 513u, 1000u, 1983u, 1984u,
+                          1985u, 2047u, 2048u, 2049u, 5000u);
   const auto count = GENERATE(1u, 2u, 5u, 16u);
   check_round_trip(planes_of(n, count, n % 5));
 }
@@ -158,6 +158,8 @@ TEST_CASE("what cannot be encoded is refused") {
   CHECK(code(3, empty) == StatusCode::kUsage);
   CHECK(code(4, rans_table(counts_of(symbols))) == StatusCode::kUsage);
   CHECK(code(3, rans_table(counts_of(symbols))) == StatusCode::kOk);
+  CHECK(rans_encode(std::vector<RansPlane>(65, {symbols, &table}), 3).status().code() ==
+        StatusCode::kUsage);
 }
 
 TEST_CASE("a cut or longer group is refused") {
@@ -177,7 +179,7 @@ TEST_CASE("a cut or longer group is refused") {
 }
 
 TEST_CASE("a changed byte is found or gives other symbols, the same from every target") {
-  for (const std::size_t n : {70u, 2100u}) {
+  for (const std::size_t n : {70u, 1000u, 2100u}) {
     const Planes planes = planes_of(n, n < 100 ? 6 : 3, 0);
     const Symbols whole = planes.encode();
     std::mt19937 random(1);
