@@ -124,9 +124,9 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": drawing | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render", "pack"},
+            "--log-level": training | {"prepare", "render", "pack", "convert"},
             "--backend": drawing | training,
-            "--threads": drawing | training | {"prepare", "pack", "validate"},
+            "--threads": drawing | training | {"prepare", "pack", "validate", "convert"},
             "--seed": training | {"prepare"},
         }
         for verb in self.verbs():
@@ -147,6 +147,7 @@ class Help(CliTest):
             "evaluate": "--against --cameras --every",
             "info": "--lifespans",
             "compare": "--min-psnr",
+            "convert": "--time --quality",
         }
         for verb in self.verbs():
             text = self.succeeds(verb, "--help").stdout.decode()

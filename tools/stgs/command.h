@@ -42,6 +42,7 @@ class Command {
 };
 
 std::unique_ptr<Command> make_compare();
+std::unique_ptr<Command> make_convert();
 std::unique_ptr<Command> make_encode();
 std::unique_ptr<Command> make_evaluate();
 std::unique_ptr<Command> make_info();

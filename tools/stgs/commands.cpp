@@ -14,6 +14,7 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(make_render());
   commands.push_back(make_evaluate());
   commands.push_back(make_compare());
+  commands.push_back(make_convert());
   return commands;
 }
 

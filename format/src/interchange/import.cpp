@@ -43,9 +43,9 @@ Status check_import_size(const std::string& name, std::uint64_t count, int sh_de
 }
 
 float logit_of_byte(int value) {
-  const double opacity = value <= 0     ? 0.25 / 255.0
-                         : value >= 255 ? 254.75 / 255.0
-                                        : static_cast<double>(value) / 255.0;
+  // 1 lies on the threshold of what is drawn, and must not fall below it by rounding.
+  const double steps = value <= 0 ? 0.25 : value >= 255 ? 254.75 : value == 1 ? 1.0001 : value;
+  const double opacity = steps / 255.0;
   return static_cast<float>(std::log(opacity / (1.0 - opacity)));
 }
 

@@ -55,4 +55,56 @@ Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set);
 Result<Scene> read_sog(const std::string& path, const ReadLimits& limits = {},
                        ConversionNotes* notes = nullptr);
 
+// SPZ (github.com/nianticlabs/spz), versions 2 and 3 (gzip) and 4; its axes are x right, y up, z
+// back unless the file names others. Harmonics of degree 4 are left out, with a note.
+Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits = {},
+                       ConversionNotes* notes = nullptr);
+// SPZ version 4, primitives in their order. What it rounds: positions to 2^-12 or what the farthest
+// one allows, log scales to 1/16, opacity and colour to bytes, rotations to 10 bits a component,
+// harmonics to 5 bits (degree 1) and 4 (above) of [-1, 1]. kUnsupported for no primitives at all.
+Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set);
+
+// Binary glTF (.glb) with KHR_gaussian_splatting, all floats; its axes are x left, y up, z forward.
+// kUnsupported for no primitives, and beyond the 4 GiB of a .glb.
+Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
+
+// A format that can be read, or written from one moment, or both.
+struct InterchangeFormat {
+  const char* name;    // "SPZ"
+  const char* ending;  // of file names, lower case, with its dot
+  // Whether `path`, whose first bytes are `head`, holds this format; `head` is empty for a folder.
+  bool (*holds)(const std::string& path, std::span<const std::uint8_t> head);
+  // From bytes; null where it is only written, or read from a path.
+  Result<Scene> (*read)(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes);
+  // For what is more than one file; null elsewhere.
+  Result<Scene> (*read_path)(const std::string& path, const ReadLimits& limits,
+                             ConversionNotes* notes);
+  // Null where it is only read. Takes a static set.
+  Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set);
+};
+
+// All of them but .stgs, in the order in which readers are tried.
+std::span<const InterchangeFormat> interchange_formats();
+// The format that a file or folder holds, by its content; null for .stgs, and for none of them.
+Result<const InterchangeFormat*> format_of_content(const std::string& path);
+// Reads a file or folder of that format; kUnsupported where it is only written.
+Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
+                               const ReadLimits& limits = {}, ConversionNotes* notes = nullptr);
+// The format that can be written under this name; null for none.
+const InterchangeFormat* format_to_write(const std::string& path);
+// "a.SPZ" -> ".spz"; "" where there is none.
+std::string name_ending(const std::string& path);
+
+// How far a set that was written and read back is from what was meant, primitive by primitive.
+struct ConversionErrors {
+  double position_max = 0, position_rms = 0;    // scene units
+  double log_scale_max = 0;                     // natural log
+  double rotation_max = 0;                      // degrees
+  double opacity_max = 0;                       // 0..1
+  double colour_max = 0, colour_rms = 0;        // of the degree-0 colour, sRGB-encoded, 0..1
+  double harmonics_max = 0, harmonics_rms = 0;  // of the coefficients above degree 0
+};
+// Two sets of the same size and degree, in the same order; kRuntime where they are not.
+Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Gaussians4D& got);
+
 }  // namespace stgs

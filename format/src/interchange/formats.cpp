@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of formats. A new bridge is a line here.
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <filesystem>
+
+#include "stgs/format/interchange.h"
+
+namespace stgs {
+namespace {
+
+using Head = std::span<const std::uint8_t>;
+
+constexpr std::size_t kHeadBytes = 64;
+
+bool starts_with(Head head, std::string_view magic) {
+  return head.size() >= magic.size() &&
+         std::equal(magic.begin(), magic.end(), head.begin(),
+                    [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
+}
+
+bool holds_ply(const std::string&, Head head) {
+  return starts_with(head, "ply\n") || starts_with(head, "ply\r");
+}
+bool holds_spz(const std::string&, Head head) {
+  return starts_with(head, "NGSP") || starts_with(head, "\x1F\x8B");
+}
+bool holds_gltf(const std::string&, Head head) {
+  return starts_with(head, "glTF");
+}
+
+Result<std::vector<std::uint8_t>> write_ply_set(Gaussians4D set) {
+  return write_ply(set);
+}
+
+constexpr std::array kFormats = {
+    InterchangeFormat{"PLY", ".ply", holds_ply, read_ply, nullptr, write_ply_set},
+    InterchangeFormat{"SPZ", ".spz", holds_spz, read_spz, nullptr, write_spz},
+    InterchangeFormat{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb},
+};
+
+}  // namespace
+
+std::span<const InterchangeFormat> interchange_formats() {
+  return kFormats;
+}
+
+std::string name_ending(const std::string& path) {
+  std::string ending = std::filesystem::path(path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return ending;
+}
+
+Result<const InterchangeFormat*> format_of_content(const std::string& path) {
+  std::vector<std::uint8_t> head;
+  std::error_code error;
+  if (!std::filesystem::is_directory(path, error)) {
+    STGS_ASSIGN(const auto source, open_file(path));
+    head.resize(static_cast<std::size_t>(std::min<std::uint64_t>(source->size(), kHeadBytes)));
+    STGS_TRY(source->read(0, head));
+  }
+  for (const InterchangeFormat& format : kFormats) {
+    if (format.holds(path, head)) return &format;
+  }
+  return nullptr;
+}
+
+Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
+                               const ReadLimits& limits, ConversionNotes* notes) {
+  if (format.read_path != nullptr) return format.read_path(path, limits, notes);
+  if (format.read == nullptr) return unsupported("{}: {} is only written", path, format.name);
+  STGS_ASSIGN(const auto source, open_file(path));
+  return format.read(*source, limits, notes);
+}
+
+const InterchangeFormat* format_to_write(const std::string& path) {
+  const std::string ending = name_ending(path);
+  const auto found = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
+    return format.write != nullptr && ending == format.ending;
+  });
+  return found == kFormats.end() ? nullptr : &*found;
+}
+
+}  // namespace stgs

@@ -1,0 +1,322 @@
+// SPDX-License-Identifier: Apache-2.0
+// SPZ of the versions 2, 3 and 4.
+#include <zlib.h>
+#include <zstd.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "bytes.h"
+#include "interchange/import.h"
+#include "interchange/spz.h"
+#include "stgs/format/parallel.h"
+
+namespace stgs {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+using View = std::span<const std::uint8_t>;
+
+constexpr std::size_t kGrain = 8192;
+// More than a byte of each coder can stand for, so that a claim of more is a lie. A zstd block of
+// 128 KiB takes 4 bytes at the least, a deflate match of 258 bytes two bits.
+constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kGzipRatio = 1032;
+constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // of Adobe: the axes that a file is stored in
+
+struct Header {
+  std::uint32_t version = 0, primitives = 0;
+  int degree = 0, fraction_bits = 0;
+  std::uint8_t flags = 0, streams = 0;
+  std::uint32_t toc = 0;  // byte of the table of contents; version 4
+};
+
+// Signs that take the file's axes to OpenCV's.
+struct Axes {
+  int x = 1, y = -1, z = -1;
+};
+
+struct Content {
+  Header header;
+  std::array<Bytes, spz::kArrays> arrays;
+  Axes axes;
+};
+
+Result<Header> parse_header(View bytes, const std::string& file, const ReadLimits& limits) {
+  ByteReader in(bytes);
+  Header header;
+  if (in.u32() != spz::kMagic) return invalid_file("{}: is not an SPZ file", file);
+  header.version = in.u32();
+  header.primitives = in.u32();
+  header.degree = in.u8();
+  header.fraction_bits = in.u8();
+  header.flags = in.u8();
+  header.streams = in.u8();
+  if (header.version >= 4) header.toc = in.u32();
+  if (!in.ok()) return invalid_file("{}: ends within its header: it is truncated", file);
+  if (header.version < 2 || header.version > 4) {
+    return unsupported("{}: is SPZ version {}; versions 2, 3 and 4 are read", file, header.version);
+  }
+  if (header.degree > spz::kMaxDegree) {
+    return invalid_file("{}: has harmonics of degree {}, more than SPZ's {}", file, header.degree,
+                        spz::kMaxDegree);
+  }
+  if (header.fraction_bits > 30) {
+    return invalid_file("{}: has positions with {} bits of fraction, more than a word's 30", file,
+                        header.fraction_bits);
+  }
+  STGS_TRY(check_import_size(file, header.primitives, header.degree, limits));
+  return header;
+}
+
+// Records of type, length, payload. Those that are not known are skipped, and told of.
+Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNotes* notes) {
+  ByteReader in(bytes);
+  Axes axes;
+  while (in.left() > 0) {
+    const std::uint32_t type = in.u32();
+    const View payload = in.bytes(in.u32());
+    if (!in.ok()) return invalid_file("{}: an SPZ extension is truncated", file);
+    if (type != kAxesExtension) {
+      note(notes, fmt::format("the SPZ extension {:#010x} is not known and left out", type));
+      continue;
+    }
+    const std::uint32_t value = ByteReader(payload).u32();
+    if (value > 8) {
+      return unsupported("{}: is stored with axes (SPZ system {}) that are not read", file, value);
+    }
+    if (value == 0) continue;  // not stated: as without the extension
+    // Bits of value - 1: x right, y up, z forward.
+    const std::uint32_t bits = value - 1;
+    axes = {bits & 1 ? 1 : -1, bits & 2 ? -1 : 1, bits & 4 ? 1 : -1};
+  }
+  return axes;
+}
+
+// Checks what the arrays will take against what there is to decode, then makes room.
+Status make_room(Content& content, std::uint64_t compressed, std::uint64_t ratio,
+                 const std::string& file) {
+  const auto strides = spz::strides(content.header.version, content.header.degree);
+  const std::uint64_t n = content.header.primitives;
+  std::uint64_t bytes = 0;
+  for (const std::size_t stride : strides) bytes += n * stride;
+  if (bytes / ratio > compressed) {
+    return invalid_file("{}: says {} primitives, which do not fit in its {} bytes", file, n,
+                        compressed);
+  }
+  for (std::size_t a = 0; a < strides.size(); ++a) content.arrays[a].resize(n * strides[a]);
+  return {};
+}
+
+Status decompress_frame(View frame, Bytes& array, const std::string& file, std::size_t index) {
+  const std::size_t got = ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
+  if (!ZSTD_isError(got) && got == array.size()) return {};
+  return invalid_file("{}: SPZ stream {} is damaged: {}", file, index,
+                      ZSTD_isError(got) ? ZSTD_getErrorName(got) : "it is too short");
+}
+
+Result<Content> read_version_4(View bytes, const std::string& file, const ReadLimits& limits,
+                               ConversionNotes* notes) {
+  Content content;
+  STGS_ASSIGN(content.header, parse_header(bytes, file, limits));
+  const Header& header = content.header;
+  if (header.version < 4) {
+    return invalid_file("{}: is SPZ version {} without its gzip wrapping", file, header.version);
+  }
+  const std::uint64_t toc_end = header.toc + std::uint64_t{header.streams} * spz::kTocEntry;
+  if (header.toc < spz::kHeader || toc_end > bytes.size()) {
+    return invalid_file("{}: its table of contents ends at byte {}, the file at {}", file, toc_end,
+                        bytes.size());
+  }
+  if ((header.flags & spz::kHasExtensions) != 0) {
+    const View extensions = bytes.subspan(spz::kHeader, header.toc - spz::kHeader);
+    STGS_ASSIGN(content.axes, parse_extensions(extensions, file, notes));
+  }
+  STGS_TRY(make_room(content, bytes.size(), kZstdRatio, file));
+  std::vector<Bytes*> wanted;
+  for (Bytes& array : content.arrays) {
+    if (!array.empty()) wanted.push_back(&array);
+  }
+  if (wanted.size() != header.streams) {
+    return invalid_file("{}: has {} streams where its header calls for {}", file, header.streams,
+                        wanted.size());
+  }
+  ByteReader toc(bytes.subspan(header.toc));
+  ByteReader body(bytes.subspan(static_cast<std::size_t>(toc_end)));
+  std::vector<View> frames;
+  for (const Bytes* array : wanted) {
+    const std::uint64_t stored = toc.u64(), raw = toc.u64();
+    frames.push_back(body.bytes(stored));
+    if (!body.ok() || raw != array->size()) {
+      return invalid_file("{}: SPZ stream {} of {} bytes, {} unpacked, is not what its header says",
+                          file, frames.size() - 1, stored, raw);
+    }
+  }
+  std::vector<Status> statuses(frames.size());
+  parallel_for(std::size_t{0}, frames.size(), [&](std::size_t i) {
+    statuses[i] = decompress_frame(frames[i], *wanted[i], file, i);
+  });
+  for (const Status& status : statuses) STGS_TRY(status);
+  return content;
+}
+
+// Unpacks a gzip stream piece by piece.
+class GzipReader {
+ public:
+  GzipReader(View bytes, const std::string& file) : file_(file), bytes_(bytes) {
+    stream_.next_in = const_cast<Bytef*>(bytes.data());  // zlib does not write there
+    open_ = inflateInit2(&stream_, 16 + MAX_WBITS) == Z_OK;
+  }
+  ~GzipReader() {
+    if (open_) inflateEnd(&stream_);
+  }
+  GzipReader(const GzipReader&) = delete;
+  GzipReader& operator=(const GzipReader&) = delete;
+
+  // Up to as many bytes as fit; fewer at the end of the stream alone.
+  Result<std::size_t> read_some(std::span<std::uint8_t> out) {
+    if (!open_) return runtime_error("{}: zlib cannot start", file_);
+    std::size_t done = 0;
+    while (done < out.size() && !ended_) {
+      // zlib counts in 32 bits.
+      const std::size_t in = std::min<std::size_t>(bytes_.size() - fed_, 1u << 30);
+      const std::size_t room = std::min<std::size_t>(out.size() - done, 1u << 30);
+      stream_.avail_in = static_cast<uInt>(in);
+      stream_.next_out = out.data() + done;
+      stream_.avail_out = static_cast<uInt>(room);
+      const int code = inflate(&stream_, Z_NO_FLUSH);
+      fed_ += in - stream_.avail_in;
+      done += room - stream_.avail_out;
+      ended_ = code == Z_STREAM_END;
+      if (code != Z_OK && !ended_) {
+        return invalid_file("{}: its gzip stream is damaged or truncated at byte {}", file_, fed_);
+      }
+    }
+    return done;
+  }
+  Status read(std::span<std::uint8_t> out) {
+    STGS_ASSIGN(const std::size_t got, read_some(out));
+    if (got == out.size()) return {};
+    return invalid_file("{}: its gzip stream ends {} bytes early", file_, out.size() - got);
+  }
+
+ private:
+  const std::string& file_;
+  View bytes_;
+  std::size_t fed_ = 0;
+  z_stream stream_{};
+  bool open_ = false, ended_ = false;
+};
+
+constexpr std::size_t kMostExtensionBytes = 1 << 20;
+
+Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimits& limits,
+                             ConversionNotes* notes) {
+  GzipReader gzip(bytes, file);
+  std::array<std::uint8_t, spz::kOldHeader> head{};
+  STGS_TRY(gzip.read(head));
+  Content content;
+  if (ByteReader(View(head).subspan(4)).u32() > 3) {
+    return unsupported("{}: is SPZ of a version above 3 in a gzip wrapping", file);
+  }
+  STGS_ASSIGN(content.header, parse_header(head, file, limits));
+  STGS_TRY(make_room(content, bytes.size(), kGzipRatio, file));
+  for (Bytes& array : content.arrays) STGS_TRY(gzip.read(array));
+  // To the end, where the checksum is.
+  Bytes extensions(kMostExtensionBytes);
+  STGS_ASSIGN(const std::size_t size, gzip.read_some(extensions));
+  if ((content.header.flags & spz::kHasExtensions) != 0) {
+    STGS_ASSIGN(content.axes, parse_extensions(View(extensions).first(size), file, notes));
+  }
+  return content;
+}
+
+// The three smallest of x y z w with 9 bits and a sign each, the largest in the first two bits.
+std::array<float, 4> smallest_three(const std::uint8_t* bytes) {
+  const std::uint32_t word = ByteReader({bytes, 4}).u32();
+  const std::size_t largest = word >> 30;
+  std::array<float, 4> q{};
+  float sum = 0.0f;
+  int shift = 20;
+  for (std::size_t c = 0; c < 4; ++c) {
+    if (c == largest) continue;
+    const std::uint32_t field = word >> shift;
+    q[c] = spz::kHalfRoot * static_cast<float>(field & 511u) / 511.0f;
+    if ((field & 512u) != 0) q[c] = -q[c];
+    sum += q[c] * q[c];
+    shift -= 10;
+  }
+  q[largest] = std::sqrt(std::max(0.0f, 1.0f - sum));
+  return q;
+}
+
+// x y z as bytes around 127.5, w what is left; version 2.
+std::array<float, 4> first_three(const std::uint8_t* bytes) {
+  std::array<float, 4> q{};
+  float sum = 0.0f;
+  for (std::size_t c = 0; c < 3; ++c) {
+    q[c] = static_cast<float>(bytes[c]) / 127.5f - 1.0f;
+    sum += q[c] * q[c];
+  }
+  q[3] = std::sqrt(std::max(0.0f, 1.0f - sum));
+  return q;
+}
+
+float fixed_point(const std::uint8_t* bytes, float unit) {
+  const std::uint32_t word = bytes[0] | bytes[1] << 8 | static_cast<std::uint32_t>(bytes[2]) << 16;
+  const auto value = static_cast<std::int32_t>(word << 8) >> 8;
+  return static_cast<float>(value) * unit;
+}
+
+void unpack(const Content& content, std::size_t i, Gaussians4D& set) {
+  const Header& header = content.header;
+  const auto& arrays = content.arrays;
+  const float unit = std::ldexp(1.0f, -header.fraction_bits);
+  const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
+  float* sh = set.sh.data() + 3 * i * coefficients;
+  for (std::size_t c = 0; c < 3; ++c) {
+    set.position[3 * i + c] = fixed_point(arrays[spz::kPositions].data() + 3 * (3 * i + c), unit);
+    set.log_scale[3 * i + c] = static_cast<float>(arrays[spz::kScales][3 * i + c]) / 16.0f - 10.0f;
+    sh[c] =
+        (static_cast<float>(arrays[spz::kColours][3 * i + c]) / 255.0f - 0.5f) / spz::kColourScale;
+  }
+  const std::array<float, 4> q = header.version >= 3
+                                     ? smallest_three(arrays[spz::kRotations].data() + 4 * i)
+                                     : first_three(arrays[spz::kRotations].data() + 3 * i);
+  for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] = q[(c + 3) % 4];  // w first
+  set.opacity_logit[i] = logit_of_byte(arrays[spz::kOpacities][i]);
+  const auto stored = 3 * static_cast<std::size_t>(spz::rest_coefficients(header.degree));
+  for (std::size_t k = 3; k < 3 * coefficients; ++k) {
+    const std::uint8_t value = arrays[spz::kHarmonics][i * stored + k - 3];
+    sh[k] = (static_cast<float>(value) - 128.0f) / 128.0f;
+  }
+}
+
+}  // namespace
+
+Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
+  if (source.size() > limits.max_memory) {
+    return unsupported("{}: {} bytes, more than the {} allowed", source.name(), source.size(),
+                       limits.max_memory);
+  }
+  Bytes bytes(static_cast<std::size_t>(source.size()));
+  STGS_TRY(source.read(0, bytes));
+  const bool gzipped = bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
+  STGS_ASSIGN(const Content content, gzipped ? read_gzipped(bytes, source.name(), limits, notes)
+                                             : read_version_4(bytes, source.name(), limits, notes));
+  if ((content.header.flags & spz::kAntialiased) != 0) {
+    note(notes,
+         "the splats were trained for antialiased drawing (mip splatting), which is not done "
+         "here: small ones look more opaque");
+  }
+  if (content.header.degree > 3) note(notes, "harmonics of degree 4 are left out");
+  Gaussians4D set;
+  set.sh_degree = std::min(content.header.degree, 3);
+  set.resize(content.header.primitives);
+  parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
+    for (std::size_t i = first; i < last; ++i) unpack(content, i, set);
+  });
+  flip_axes(set, content.axes.x, content.axes.y, content.axes.z);
+  return finish_import(std::move(set), notes);
+}
+
+}  // namespace stgs

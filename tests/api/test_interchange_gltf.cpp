@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// glTF out, and the table of formats.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "scene_fixture.h"
+#include "stgs/format/interchange.h"
+#include "stgs/format/math/blend.h"
+
+namespace stgs {
+namespace {
+
+using Json = nlohmann::json;
+
+std::uint32_t word(const std::vector<std::uint8_t>& bytes, std::size_t at) {
+  std::uint32_t value = 0;
+  REQUIRE(at + 4 <= bytes.size());
+  std::memcpy(&value, bytes.data() + at, 4);
+  return value;
+}
+
+struct Glb {
+  Json json;
+  std::vector<std::uint8_t> data;
+
+  std::vector<float> floats(const std::string& attribute) const {
+    const Json& primitive = json["meshes"][0]["primitives"][0];
+    const Json& accessor = json["accessors"][primitive["attributes"][attribute].get<std::size_t>()];
+    CHECK(accessor["componentType"] == 5126);
+    const Json& view = json["bufferViews"][accessor["bufferView"].get<std::size_t>()];
+    std::vector<float> out(view["byteLength"].get<std::size_t>() / 4);
+    const auto offset = view["byteOffset"].get<std::size_t>();
+    CHECK(offset % 4 == 0);
+    REQUIRE(offset + 4 * out.size() <= data.size());
+    std::memcpy(out.data(), data.data() + offset, 4 * out.size());
+    return out;
+  }
+};
+
+// Checks the container of glTF 2.0, 4.4, on the way.
+Glb parse(const std::vector<std::uint8_t>& bytes) {
+  CHECK(word(bytes, 0) == 0x46546C67);
+  CHECK(word(bytes, 4) == 2);
+  CHECK(word(bytes, 8) == bytes.size());
+  const std::size_t text = word(bytes, 12);
+  CHECK(word(bytes, 16) == 0x4E4F534A);
+  CHECK(text % 4 == 0);
+  Glb glb;
+  glb.json =
+      Json::parse(bytes.begin() + 20, bytes.begin() + 20 + static_cast<std::ptrdiff_t>(text));
+  CHECK(word(bytes, 20 + text) == bytes.size() - 28 - text);
+  CHECK(word(bytes, 24 + text) == 0x004E4942);
+  glb.data.assign(bytes.begin() + 28 + static_cast<std::ptrdiff_t>(text), bytes.end());
+  CHECK(glb.json["buffers"][0]["byteLength"] == glb.data.size());
+  return glb;
+}
+
+}  // namespace
+
+TEST_CASE("glTF holds a set, its axes turned") {
+  Gaussians4D set = testing::random_scene(30, 3, 6, 8).gaussians;
+  set_static_lifespan(set);
+  const auto bytes = write_glb(set);
+  REQUIRE(bytes.ok());
+  const Glb glb = parse(*bytes);
+  CHECK(glb.json["extensionsUsed"] == Json::array({"KHR_gaussian_splatting"}));
+  const Json& primitive = glb.json["meshes"][0]["primitives"][0];
+  CHECK(primitive["mode"] == 0);
+  const Json& extension = primitive["extensions"]["KHR_gaussian_splatting"];
+  CHECK(extension["kernel"] == "ellipse");
+  CHECK(extension["colorSpace"] == "srgb_rec709_display");
+  CHECK(glb.json["scenes"][0]["nodes"] == Json::array({0}));
+  CHECK(primitive["attributes"].size() == 1 + 3 + 16 + 1);
+
+  Gaussians4D turned = set;
+  flip_axes(turned, -1, -1, 1);
+  CHECK(glb.floats("POSITION") == turned.position);
+  const auto scale = glb.floats("KHR_gaussian_splatting:SCALE");
+  const auto rotation = glb.floats("KHR_gaussian_splatting:ROTATION");
+  const auto opacity = glb.floats("KHR_gaussian_splatting:OPACITY");
+  const auto dull = glb.floats("KHR_gaussian_splatting:SH_DEGREE_0_COEF_0");
+  const auto last = glb.floats("KHR_gaussian_splatting:SH_DEGREE_3_COEF_6");
+  REQUIRE(opacity.size() == set.size());
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    const float* q = turned.rotation.data() + 4 * i;
+    const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    for (std::size_t c = 0; c < 4; ++c) {
+      CHECK(rotation[4 * i + c] == Approx(q[(c + 1) % 4] / length).margin(1e-6));
+    }
+    for (std::size_t c = 0; c < 3; ++c) {
+      CHECK(scale[3 * i + c] == Approx(std::exp(set.log_scale[3 * i + c])));
+      CHECK(dull[3 * i + c] == set.sh[48 * i + c]);
+      CHECK(last[3 * i + c] == -set.sh[48 * i + 45 + c]);  // odd in x
+    }
+    CHECK(opacity[i] == math::opacity_of(set.opacity_logit[i]));
+  }
+  const Json& accessor = glb.json["accessors"][primitive["attributes"]["POSITION"].get<int>()];
+  for (std::size_t c = 0; c < 3; ++c) {
+    float low = turned.position[c];
+    for (std::size_t i = c; i < turned.position.size(); i += 3) {
+      low = std::min(low, turned.position[i]);
+    }
+    CHECK(accessor["min"][c].get<float>() == low);
+  }
+  CHECK(write_glb(Gaussians4D{}).status().code() == StatusCode::kUnsupported);
+}
+
+TEST_CASE("every format has a name, an ending, and something that it can do") {
+  for (const InterchangeFormat& format : interchange_formats()) {
+    CHECK(format.ending[0] == '.');
+    CHECK((format.read != nullptr || format.read_path != nullptr || format.write != nullptr));
+    if (format.write != nullptr)
+      CHECK(format_to_write(std::string("a") + format.ending) == &format);
+  }
+  CHECK(format_to_write("A.PLY") != nullptr);
+  CHECK(format_to_write("a.stgs") == nullptr);
+  CHECK(format_to_write("ply") == nullptr);
+}
+
+TEST_CASE("what was written is known again by its content") {
+  Gaussians4D set = testing::random_scene(5, 0, 6, 8).gaussians;
+  for (const InterchangeFormat& format : interchange_formats()) {
+    if (format.write == nullptr) continue;
+    const auto bytes = format.write(set);
+    REQUIRE(bytes.ok());
+    for (const InterchangeFormat& other : interchange_formats()) {
+      CHECK(other.holds("x", *bytes) == (&other == &format));
+    }
+  }
+}
+
+TEST_CASE("errors of a conversion are what they say") {
+  Gaussians4D a = testing::random_scene(4, 1, 6, 8).gaussians, b = a;
+  CHECK(conversion_errors(a, b)->position_max == 0);
+  CHECK(conversion_errors(a, b)->rotation_max < 1e-4);
+  b.position[4] += 0.5f;
+  b.log_scale[2] -= 0.25f;
+  b.sh[7] += 0.125f;
+  for (std::size_t c = 0; c < 4; ++c) b.rotation[c] *= -2;  // the same rotation
+  a.rotation[4] = 1, a.rotation[5] = a.rotation[6] = a.rotation[7] = 0;
+  b.rotation[4] = std::sqrt(0.5f), b.rotation[5] = std::sqrt(0.5f);
+  b.rotation[6] = b.rotation[7] = 0;
+  const auto errors = conversion_errors(a, b);
+  REQUIRE(errors.ok());
+  CHECK(errors->position_max == Approx(0.5));
+  CHECK(errors->position_rms == Approx(0.25));
+  CHECK(errors->log_scale_max == Approx(0.25));
+  CHECK(errors->harmonics_max == Approx(0.125).epsilon(1e-5));
+  CHECK(errors->rotation_max == Approx(90));
+  CHECK(errors->colour_max == 0);
+  a.resize(3);
+  CHECK_FALSE(conversion_errors(a, b).ok());
+}
+
+}  // namespace stgs

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From and to the formats of other programs."""
+import json
+import os
+import struct
+
+from harness import CliTest
+
+
+def vertices(ply):
+    """The properties of a binary PLY's vertices, by name, and how many vertices there are."""
+    header, body = ply.split(b"end_header\n", 1)
+    names = [line.split()[-1].decode() for line in header.splitlines()
+             if line.startswith(b"property float")]
+    count = len(body) // (4 * len(names))
+    rows = struct.iter_unpack(f"<{len(names)}f", body)
+    return dict(zip(names, zip(*rows))), count
+
+
+class Converting(CliTest):
+    def test_a_moment_as_ply(self):
+        tiny = self.fixture("tiny.stgs")
+        result = self.json_of("convert", tiny, "a.ply", "--time", "0.1")
+        self.assertEqual(result["input_format"], "STGS")
+        self.assertEqual(result["output_format"], "PLY")
+        self.assertEqual(result["primitives_in"], 400)
+        self.assertLess(result["primitives"], 400)
+        self.assertEqual(result["time_s"], 0.1)
+        self.assertEqual(result["frames"], 1)
+        self.assertTrue(all(value == 0 for name, value in result["errors"].items()
+                            if name != "rotation_max"))
+        self.assertEqual(result["bytes_out"], os.path.getsize(self.path("a.ply")))
+        values, count = vertices(self.read("a.ply"))
+        self.assertEqual(count, result["primitives"])
+        self.assertEqual(len(values), 17 + 9)
+        self.assertGreater(min(values["opacity"]), -5.6)  # logit of 1/255: -5.54
+
+    def test_a_moment_looks_as_the_scene_does_then(self):
+        tiny = self.fixture("tiny.stgs")
+        start = self.json_of("info", tiny)["start_camera"]
+        self.write("start.json", json.dumps(start))
+        self.succeeds("render", tiny, "--time", "0.1", "--camera", "start.json", "-o", "then.png")
+        least = {"ply": 60, "spz": 38, "stgs": 60}
+        for ending, psnr in least.items():
+            moment = f"moment.{ending}"
+            self.succeeds("convert", tiny, moment, "--time", "0.1")
+            self.succeeds("convert", moment, f"{ending}.stgs")
+            self.succeeds("render", f"{ending}.stgs", "--time", "0", "--camera", "start.json",
+                          "-o", "back.png")
+            self.succeeds("compare", "then.png", "back.png", "--min-psnr", str(psnr))
+
+    def test_what_the_target_cannot_hold_is_told(self):
+        result = self.succeeds("convert", self.fixture("tiny.stgs"), "a.spz", "--time", "0.1")
+        error = result.stderr.decode()
+        for part in ("stgs: warning: ", "without motion and lifespans", "not seen at that moment",
+                     "SPZ cannot hold the start camera, the title"):
+            self.assertIn(part, error)
+        self.assertRegex(result.stdout.decode(), r"errors: position \S+ at most")
+        quiet = self.succeeds("convert", "a.spz", "b.ply")
+        self.assertEqual(quiet.stderr, b"")
+
+    def test_round_trips_keep_every_primitive(self):
+        self.succeeds("convert", self.fixture("tiny.stgs"), "a.ply", "--time", "0")
+        first = self.json_of("convert", "a.ply", "b.stgs")
+        self.assertEqual(first["notes"], [])
+        self.assertIsNone(first["time_s"])
+        self.succeeds("validate", "b.stgs")
+        self.succeeds("convert", "b.stgs", "c.ply")
+        before, after = (sorted(zip(*vertices(self.read(name))[0].values()))
+                         for name in ("a.ply", "c.ply"))
+        self.assertEqual(before, after)
+        packed = self.json_of("convert", "a.ply", "d.stgs", "--quality", "85")
+        self.assertEqual(self.json_of("info", "d.stgs")["profile"], "quantised")
+        self.assertGreater(packed["errors"]["position_max"], 0)
+        self.assertLess(packed["errors"]["position_max"], 0.01)
+
+    def test_a_whole_scene_stays_whole(self):
+        result = self.json_of("convert", self.fixture("tiny.stgs"), "copy.stgs")
+        self.assertEqual(result["frames"], 6)
+        self.assertEqual(result["notes"], [])
+        self.succeeds("compare", self.fixture("tiny.stgs"), "copy.stgs", "--min-psnr", "100")
+
+    def test_glb(self):
+        result = self.json_of("convert", self.fixture("tiny.stgs"), "a.glb", "--time", "0.1")
+        self.assertIsNone(result["errors"])
+        data = self.read("a.glb")
+        self.assertEqual(struct.unpack("<4sII", data[:12]), (b"glTF", 2, len(data)))
+        text = json.loads(data[20:20 + struct.unpack("<I", data[12:16])[0]])
+        self.assertEqual(text["extensionsUsed"], ["KHR_gaussian_splatting"])
+        self.assertEqual(text["accessors"][0]["count"], result["primitives"])
+        self.fails(5, "glTF is only written", "convert", "a.glb", "b.ply")
+
+    def test_refusals(self):
+        tiny = self.fixture("tiny.stgs")
+        self.fails(1, r"lasts 0\.2 s, and PLY holds one moment: choose it with --time", "convert",
+                   tiny, "a.ply")
+        self.fails(1, r"0\.3 s is not within the scene's 0\.2 s", "convert", tiny, "a.ply",
+                   "--time", "0.3")
+        self.fails(1, r"a\.jpg: its ending names no format .* \.stgs, \.ply, \.spz, \.glb",
+                   "convert", tiny, "a.jpg", "--time", "0")
+        self.fails(1, "--quality is for .stgs", "convert", tiny, "a.ply", "--time", "0",
+                   "--quality", "50")
+        self.fails(2, "missing.ply: cannot open", "convert", "missing.ply", "a.stgs")
+        self.fails(3, "x.ply", "convert", self.write("x.ply", b"not a splat"), "a.stgs")
+        self.fails(3, "truncated", "convert", self.write("x.ply", b"ply\nformat ascii 1.0\n"),
+                   "a.stgs")
+        self.succeeds("convert", tiny, "a.ply", "--time", "0")
+        self.fails(1, "a.ply: is where both IN and OUT lead", "convert", "a.ply", "./a.ply")
+        self.assertEqual(sorted(os.listdir(self.work)), ["a.ply", "x.ply"])
+
+    def test_threads_change_nothing(self):
+        for threads in ("1", "2"):
+            for ending in ("ply", "spz", "glb"):
+                self.succeeds("convert", self.fixture("tiny.stgs"), f"{threads}.{ending}", "--time",
+                              "0.1", "--threads", threads)
+        for ending in ("ply", "spz", "glb"):
+            self.assertEqual(self.read(f"1.{ending}"), self.read(f"2.{ending}"))
