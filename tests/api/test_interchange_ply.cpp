@@ -308,4 +308,17 @@ TEST_CASE("packed PLY") {
   }
 }
 
+TEST_CASE("a changed byte of a PLY is refused, or read as some set") {
+  for (const auto& whole : {*write_ply(fixture_set(1, 2)), packed_ply(2, true)}) {
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+      for (const auto flip : std::initializer_list<std::uint8_t>{0x01, 0x04, 0x80, 0xFF}) {
+        auto changed = whole;
+        changed[at] ^= flip;
+        const Result<Scene> scene = read(changed, nullptr, {.max_memory = 1 << 24});
+        if (scene.ok()) CHECK(encode_scene(*scene, {}).ok());
+      }
+    }
+  }
+}
+
 }  // namespace stgs
