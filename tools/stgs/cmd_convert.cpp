@@ -117,6 +117,7 @@ class Convert final : public Command {
     STGS_TRY(choose_moment(work));
     STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(work));
     STGS_TRY(read_back(bytes, work));
+    if (interrupted()) return runtime_error("{}: stopped, nothing is written", output_);
     STGS_TRY(write_file_atomically(output_, bytes));
     for (const std::string& line : work.notes) session.log(1, fmt::format("{}: {}", output_, line));
     return report(session, work, bytes.size(), now_seconds() - begin);
