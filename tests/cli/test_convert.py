@@ -53,7 +53,8 @@ class Converting(CliTest):
         result = self.succeeds("convert", self.fixture("tiny.stgs"), "a.spz", "--time", "0.1")
         error = result.stderr.decode()
         for part in ("stgs: warning: ", "without motion and lifespans", "not seen at that moment",
-                     "SPZ cannot hold the start camera, the title"):
+                     "SPZ cannot hold the start camera, the title",
+                     "SPZ rounds: positions by up to "):
             self.assertIn(part, error)
         self.assertRegex(result.stdout.decode(), r"errors: position \S+ at most")
         quiet = self.succeeds("convert", "a.spz", "b.ply")

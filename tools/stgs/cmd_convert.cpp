@@ -234,7 +234,20 @@ class Convert final : public Command {
       got = std::move(scene.gaussians);
     }
     STGS_ASSIGN(work.errors, conversion_errors(work.scene.gaussians, got));
+    note_rounding(work);
     return {};
+  }
+
+  // A packed .stgs was asked for with its quality; the rounding of another format was not.
+  static void note_rounding(Conversion& work) {
+    constexpr double kExact = 1e-4;  // degrees; what is left of comparing quaternions in floats
+    const ConversionErrors& e = *work.errors;
+    if (work.to == nullptr || (e.position_max == 0.0 && e.rotation_max < kExact)) return;
+    work.notes.push_back(fmt::format(
+        "{} rounds: positions by up to {:.2g}, scales by {:.2g} %, rotations by {:.2g} degrees, "
+        "opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
+        work.to->name, e.position_max, 100.0 * std::expm1(e.log_scale_max), e.rotation_max,
+        e.opacity_max, e.colour_max, e.harmonics_max));
   }
 
   Status report(Session& session, const Conversion& work, std::uint64_t bytes_out,

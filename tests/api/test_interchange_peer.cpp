@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files that another program wrote (tests/data/interchange/README.md).
+#include <catch2/catch.hpp>
+
+#include "stgs/format/interchange.h"
+
+namespace stgs {
+namespace {
+
+Gaussians4D read(const std::string& name) {
+  const std::string path = STGS_TEST_DATA "/interchange/" + name;
+  const Result<const InterchangeFormat*> format = format_of_content(path);
+  REQUIRE(format.ok());
+  REQUIRE(*format != nullptr);
+  ConversionNotes notes;
+  Result<Scene> scene = read_interchange(**format, path, {}, &notes);
+  REQUIRE(scene.ok());
+  CHECK(notes.empty());
+  return std::move(scene->gaussians);
+}
+
+}  // namespace
+
+TEST_CASE("SPZ by its own library is what it was made from, axes and harmonics included") {
+  const Gaussians4D source = read("source.ply");
+  CHECK(source.size() == 12);
+  CHECK(source.sh_degree == 3);
+  for (const char* name : {"version3.spz", "version4.spz"}) {
+    const auto errors = conversion_errors(source, read(name));
+    REQUIRE(errors.ok());
+    CHECK(errors->position_max <= 0.87 / 4096);
+    CHECK(errors->log_scale_max <= 0.5 / 16 + 1e-5);
+    CHECK(errors->rotation_max < 0.3);
+    CHECK(errors->opacity_max <= 0.5 / 255 + 1e-6);
+    CHECK(errors->colour_max < 0.004);
+    CHECK(errors->harmonics_max <= 0.0625 + 0.5 / 128);  // it rounds twice
+  }
+}
+
+TEST_CASE("packed PLY is what its own program unpacks") {
+  const auto errors = conversion_errors(read("unpacked.ply"), read("packed.ply"));
+  REQUIRE(errors.ok());
+  CHECK(errors->position_max < 1e-6);
+  CHECK(errors->log_scale_max < 2e-6);
+  CHECK(errors->rotation_max < 1e-3);
+  CHECK(errors->opacity_max < 1e-6);
+  CHECK(errors->colour_max < 1e-6);
+  CHECK(errors->harmonics_max < 1e-6);
+}
+
+}  // namespace stgs
