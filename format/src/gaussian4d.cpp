@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/gaussian4d.h"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace stgs {
@@ -21,6 +23,14 @@ void for_each_attribute(A& a, B& b, Visit visit) {
 }
 
 }  // namespace
+
+TimeBase frame_time_of(double fps) {
+  const auto whole = [](double v) { return v >= 0.5 && std::abs(v - std::round(v)) < 0.005; };
+  if (whole(fps)) return {1, static_cast<std::uint32_t>(std::lround(fps))};
+  if (whole(fps * 1.001))
+    return {1001, static_cast<std::uint32_t>(std::lround(fps * 1.001)) * 1000};
+  return {1000, static_cast<std::uint32_t>(std::max(1L, std::lround(fps * 1000)))};
+}
 
 void Gaussians4D::resize(std::size_t n) {
   for_each_attribute(*this, *this, [n](auto& array, auto&, int components) {

@@ -117,7 +117,8 @@ inline SogModel random_sog(int count, int bands, unsigned seed, int width = 8) {
     model.pictures["centroids.webp"] = noise(64 * coefficients, 2, 255);
     Picture labels = noise(width, height, 255);
     for (int i = 0; i < width * height; ++i) {
-      labels.rgba[4 * static_cast<std::size_t>(i)] %= kEntries;
+      std::uint8_t& label = labels.rgba[4 * static_cast<std::size_t>(i)];
+      label = static_cast<std::uint8_t>(label % kEntries);
       labels.rgba[4 * static_cast<std::size_t>(i) + 1] = 0;
     }
     model.pictures["labels.webp"] = labels;

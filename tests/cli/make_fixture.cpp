@@ -9,6 +9,10 @@
 #include <functional>
 
 #include "../api/scene_fixture.h"
+#ifdef STGS_HAS_SOG
+#include "../api/sog_fixture.h"
+#endif
+#include "../api/splatv_fixture.h"
 #include "container.h"
 #include "picture.h"
 #include "stgs/encoder/prepared_capture.h"
@@ -104,12 +108,30 @@ Status write_pixel_that_is_none(const std::string& path) {
   return status.code() == StatusCode::kNotBuilt ? Status() : status;
 }
 
+// Models of other programs.
+Status write_models(const std::string& folder) {
+#ifdef STGS_HAS_SOG
+  testing::random_sog(30, 1, 1).write_bundle(folder + "/model.sog");
+  testing::random_sog(20, 0, 2).write_folder(folder + "/chunks/0_0");
+  testing::random_sog(25, 0, 3).write_folder(folder + "/chunks/0_1");
+#endif
+  std::vector<testing::SplatvRecord> records(12);
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    records[i].position[0] = static_cast<float>(i);
+    records[i].motion[3] = i % 2 == 0 ? 0.0f : 4.0f;  // of dt^2
+  }
+  const std::string clip = testing::splatv_file(records);
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(clip.data());
+  return write_file_atomically(folder + "/clip.splatv", {bytes, clip.size()});
+}
+
 Status write_all(const std::string& folder) {
   Scene scene = fixture_scene();
   WriteSettings settings;
   settings.chunk_seconds = 0.05;
   STGS_TRY(write_scene(folder + "/tiny.stgs", scene, settings));
   STGS_TRY(write_capture(scene, folder + "/prepared"));
+  STGS_TRY(write_models(folder));
   STGS_ASSIGN(const auto bytes, encode_scene(scene, settings));
   STGS_TRY(write_changed_head(bytes, folder + "/huge_count.stgs", [](FileHead& head) {
     head.index.primitives += 0xFFFFFFFFull - head.index.entries[0].primitives;

@@ -147,7 +147,7 @@ class Help(CliTest):
             "evaluate": "--against --cameras --every",
             "info": "--lifespans",
             "compare": "--min-psnr",
-            "convert": "--time --quality",
+            "convert": "--time --quality --fps --frames --tolerance",
         }
         for verb in self.verbs():
             text = self.succeeds(verb, "--help").stdout.decode()

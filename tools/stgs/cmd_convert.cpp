@@ -6,9 +6,9 @@
 #include <optional>
 
 #include "command.h"
+#include "import_options.h"
 #include "options.h"
 #include "output_place.h"
-#include "stgs/format/interchange.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::tools {
@@ -23,7 +23,7 @@ struct Conversion {
   Scene scene;
   std::uint64_t bytes_in = 0, primitives_in = 0;
   std::optional<double> seconds;  // the moment that is kept; none where all are
-  ConversionNotes notes;
+  ImportReport found;             // its notes go on with what is lost after reading
   std::optional<ConversionErrors> errors;
 };
 
@@ -38,7 +38,7 @@ std::uint64_t bytes_at(const std::string& path) {
     return error ? 0 : bytes;
   }
   std::uint64_t bytes = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(path, error)) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(path, error)) {
     if (entry.is_regular_file(error)) bytes += entry.file_size(error);
   }
   return bytes;
@@ -87,18 +87,20 @@ class Convert final : public Command {
  public:
   Help help() const override {
     return {"convert", "From and to the formats of other programs",
-            "Reads .stgs, 3DGS PLY (and PlayCanvas's packed PLY) and SPZ 2 to 4, by what is in\n"
-            "the file. Writes, by the name's ending, .stgs, and of one moment .ply, .spz (version\n"
-            "4) or .glb (glTF with KHR_gaussian_splatting). Axes are turned to those of the\n"
-            "target. Reads back what it wrote and tells the errors; what the target cannot hold\n"
-            "is told on standard error.",
+            "Reads .stgs, 3DGS PLY (and PlayCanvas's packed PLY), SPZ 2 to 4, SOG 2 (a bundle, or\n"
+            "a folder of models), .splatv, and a folder of PLY frames, by what is there. Splats\n"
+            "that stay or move straight over frames become one primitive. Writes, by the name's\n"
+            "ending, .stgs, and of one moment .ply, .spz (version 4) or .glb (glTF with\n"
+            "KHR_gaussian_splatting). Axes are turned to those of the target. Reads back what it\n"
+            "wrote and tells the errors; what is lost is told on standard error.",
             "  stgs convert scene.stgs moment.ply --time 1.5\n"
             "  stgs convert scene.stgs moment.spz --time 1.5\n"
-            "  stgs convert splats.ply splats.stgs --quality 85"};
+            "  stgs convert splats.ply splats.stgs --quality 85\n"
+            "  stgs convert frames/ clip.stgs --fps 30"};
   }
   Shared shared() const override { return {.log_level = true, .threads = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("IN", input_, "What to read")->required();
+    app.add_option("IN", input_, "The file or folder to read")->required();
     app.add_option("OUT", output_, "The file to make; its ending says the format")->required();
     app.add_option("--time", seconds_,
                    "The moment to keep, seconds; needed where IN has several "
@@ -107,6 +109,7 @@ class Convert final : public Command {
     app.add_option("--quality", quality_,
                    "For .stgs: 0 (smallest) to 100 (nearest); without it every float is kept")
         ->check(number_between(0, 100));
+    import_.declare(app);
   }
 
   Status run(Session& session) override {
@@ -119,7 +122,9 @@ class Convert final : public Command {
     STGS_TRY(read_back(bytes, work));
     if (interrupted()) return runtime_error("{}: stopped, nothing is written", output_);
     STGS_TRY(write_file_atomically(output_, bytes));
-    for (const std::string& line : work.notes) session.log(1, fmt::format("{}: {}", output_, line));
+    for (const std::string& line : work.found.notes) {
+      session.log(1, fmt::format("{}: {}", output_, line));
+    }
     return report(session, work, bytes.size(), now_seconds() - begin);
   }
 
@@ -139,10 +144,12 @@ class Convert final : public Command {
 
   Status read(Conversion& work) const {
     STGS_ASSIGN(work.from, format_of_content(input_));
+    STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
       STGS_ASSIGN(work.scene, read_scene(input_));
     } else {
-      STGS_ASSIGN(work.scene, read_interchange(*work.from, input_, {}, &work.notes));
+      STGS_ASSIGN(work.scene,
+                  read_interchange(*work.from, input_, import_.settings(), {}, work.found));
     }
     work.bytes_in = bytes_at(input_);
     work.primitives_in = work.scene.gaussians.size();
@@ -174,13 +181,13 @@ class Convert final : public Command {
   // What a moment, and then the target, cannot hold of the scene.
   void note_losses(Conversion& work, std::size_t seen, bool all_still) const {
     if (!all_still) {
-      work.notes.push_back(
+      work.found.notes.push_back(
           fmt::format("holds the moment {:.6g} s alone, without motion and "
                       "lifespans",
                       *work.seconds));
     }
     if (seen < work.primitives_in) {
-      work.notes.push_back(
+      work.found.notes.push_back(
           fmt::format("{} of {} primitives are left out: they are not seen at "
                       "that moment (opacity below 1/255)",
                       work.primitives_in - seen, work.primitives_in));
@@ -197,7 +204,8 @@ class Convert final : public Command {
     }
     if (!m.title.empty()) lose("the title");
     if (m.metric) lose("that units are metres");
-    if (!lost.empty()) work.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
+    if (!lost.empty())
+      work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }
 
   Result<std::vector<std::uint8_t>> encode(Conversion& work) const {
@@ -214,8 +222,8 @@ class Convert final : public Command {
     std::vector<std::uint32_t> order;
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
     if (order.size() < work.scene.gaussians.size()) {
-      work.notes.push_back(fmt::format("{} primitives are left out: they are never visible",
-                                       work.scene.gaussians.size() - order.size()));
+      work.found.notes.push_back(fmt::format("{} primitives are left out: they are never visible",
+                                             work.scene.gaussians.size() - order.size()));
     }
     // In the order of the file, so that what is read back can be compared.
     work.scene.gaussians = work.scene.gaussians.gather(order);
@@ -255,31 +263,34 @@ class Convert final : public Command {
     const std::size_t primitives = work.scene.gaussians.size();
     const double each =
         static_cast<double>(bytes_out) / std::max<double>(1.0, static_cast<double>(primitives));
-    const Json json = {{"input", input_},
-                       {"input_format", name_of(work.from)},
-                       {"output", output_},
-                       {"output_format", name_of(work.to)},
-                       {"time_s", work.seconds ? Json(*work.seconds) : Json(nullptr)},
-                       {"frames", work.scene.metadata.frames},
-                       {"sh_degree", work.scene.gaussians.sh_degree},
-                       {"primitives_in", work.primitives_in},
-                       {"primitives", primitives},
-                       {"bytes_in", work.bytes_in},
-                       {"bytes_out", bytes_out},
-                       {"bytes_per_primitive", each},
-                       {"errors", work.errors ? to_json(*work.errors) : Json(nullptr)},
-                       {"notes", work.notes},
-                       {"seconds", seconds},
-                       {"peak_memory", peak_memory()}};
+    Json json = {{"input", input_},
+                 {"input_format", name_of(work.from)},
+                 {"output", output_},
+                 {"output_format", name_of(work.to)},
+                 {"time_s", work.seconds ? Json(*work.seconds) : Json(nullptr)},
+                 {"frames", work.scene.metadata.frames},
+                 {"sh_degree", work.scene.gaussians.sh_degree},
+                 {"primitives_in", work.primitives_in},
+                 {"primitives", primitives},
+                 {"bytes_in", work.bytes_in},
+                 {"bytes_out", bytes_out},
+                 {"bytes_per_primitive", each},
+                 {"errors", work.errors ? to_json(*work.errors) : Json(nullptr)},
+                 {"notes", work.found.notes},
+                 {"seconds", seconds},
+                 {"peak_memory", peak_memory()}};
+    json.update(import_json(work.found));
     std::string text =
         fmt::format("{}: {} primitives of {} to {}, {} to {}, {:.1f} bytes a primitive\n", output_,
                     primitives, name_of(work.from), name_of(work.to), human_bytes(work.bytes_in),
                     human_bytes(bytes_out), each);
+    text += import_text(work.found);
     if (work.errors) text += to_text(*work.errors);
     return session.emit(json, text);
   }
 
   std::string input_, output_;
+  ImportOptions import_;
   std::optional<double> seconds_;
   std::optional<int> quality_;
 };

@@ -174,6 +174,9 @@ std::string version_text() {
 #ifdef STGS_HAS_EXR
   parts += " exr";
 #endif
+#ifdef STGS_HAS_SOG
+  parts += " sog";
+#endif
 #ifdef STGS_HAS_CUDNN
   parts += " cudnn";
 #endif

@@ -13,15 +13,6 @@
 namespace stgs::encoder {
 namespace {
 
-// Frame rates are fractions: whole ones, NTSC's, or thousandths.
-TimeBase time_base_of(double fps) {
-  const auto whole = [](double v) { return v >= 0.5 && std::abs(v - std::round(v)) < 0.005; };
-  if (whole(fps)) return {1, static_cast<std::uint32_t>(std::lround(fps))};
-  if (whole(fps * 1.001))
-    return {1001, static_cast<std::uint32_t>(std::lround(fps * 1.001)) * 1000};
-  return {1000, static_cast<std::uint32_t>(std::max(1L, std::lround(fps * 1000)))};
-}
-
 Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   const std::size_t count = source.cameras.size();
   std::vector<std::optional<Result<FrameInfo>>> found(count);
@@ -98,7 +89,7 @@ Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& in
   if (!(fps >= 0.001 && fps <= 100000)) {
     return invalid_file("{}: {} frames a second make no sense", source.folder, fps);
   }
-  capture.time_base = time_base_of(fps);
+  capture.time_base = frame_time_of(fps);
   return {};
 }
 

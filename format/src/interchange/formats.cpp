@@ -5,7 +5,8 @@
 #include <cctype>
 #include <filesystem>
 
-#include "stgs/format/interchange.h"
+#include "interchange/sog_models.h"
+#include "stgs/format/interchange_formats.h"
 
 namespace stgs {
 namespace {
@@ -26,6 +27,16 @@ bool holds_ply(const std::string&, Head head) {
 bool holds_spz(const std::string&, Head head) {
   return starts_with(head, "NGSP") || starts_with(head, "\x1F\x8B");
 }
+bool holds_sog(const std::string& path, Head head) {
+  return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
+         (starts_with(head, "{") && name_ending(path) == ".json");
+}
+bool holds_splatv(const std::string&, Head head) {
+  return is_splatv(head);
+}
+bool holds_frames(const std::string& path, Head head) {
+  return head.empty() && is_ply_sequence(path);
+}
 bool holds_gltf(const std::string&, Head head) {
   return starts_with(head, "glTF");
 }
@@ -34,10 +45,29 @@ Result<std::vector<std::uint8_t>> write_ply_set(Gaussians4D set) {
   return write_ply(set);
 }
 
+Result<Scene> read_sog_models(const std::string& path, const ImportSettings&,
+                              const ReadLimits& limits, ImportReport& report) {
+  return read_sog(path, limits, &report.notes);
+}
+Result<Scene> read_splatv_clip(const std::string& path, const ImportSettings& settings,
+                               const ReadLimits& limits, ImportReport& report) {
+  STGS_ASSIGN(const auto source, open_file(path));
+  return read_splatv(*source, settings.splatv, limits, &report.splatv.emplace(), &report.notes);
+}
+Result<Scene> read_frames(const std::string& path, const ImportSettings& settings,
+                          const ReadLimits& limits, ImportReport& report) {
+  return read_ply_sequence(path, settings.sequence, limits, &report.sequence.emplace(),
+                           &report.notes);
+}
+
+using Format = InterchangeFormat;
 constexpr std::array kFormats = {
-    InterchangeFormat{"PLY", ".ply", holds_ply, read_ply, nullptr, write_ply_set},
-    InterchangeFormat{"SPZ", ".spz", holds_spz, read_spz, nullptr, write_spz},
-    InterchangeFormat{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb},
+    Format{"PLY", ".ply", holds_ply, read_ply, nullptr, write_ply_set},
+    Format{"SPZ", ".spz", holds_spz, read_spz, nullptr, write_spz},
+    Format{"SOG", ".sog", holds_sog, nullptr, read_sog_models, nullptr},
+    Format{"splatv", ".splatv", holds_splatv, nullptr, read_splatv_clip, nullptr, Format::kSplatv},
+    Format{"PLY frames", "", holds_frames, nullptr, read_frames, nullptr, Format::kSequence},
+    Format{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb},
 };
 
 }  // namespace
@@ -68,11 +98,12 @@ Result<const InterchangeFormat*> format_of_content(const std::string& path) {
 }
 
 Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
-                               const ReadLimits& limits, ConversionNotes* notes) {
-  if (format.read_path != nullptr) return format.read_path(path, limits, notes);
+                               const ImportSettings& settings, const ReadLimits& limits,
+                               ImportReport& report) {
+  if (format.read_path != nullptr) return format.read_path(path, settings, limits, report);
   if (format.read == nullptr) return unsupported("{}: {} is only written", path, format.name);
   STGS_ASSIGN(const auto source, open_file(path));
-  return format.read(*source, limits, notes);
+  return format.read(*source, limits, &report.notes);
 }
 
 const InterchangeFormat* format_to_write(const std::string& path) {

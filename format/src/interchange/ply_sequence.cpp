@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct FrameFile {
-  std::uint64_t number = 0;  // the last one in its name
+  std::uint64_t number = 0;  // the last one in its name; of one file alone it does not matter
   std::string path;
 };
 
@@ -44,12 +44,14 @@ Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
   std::vector<FrameFile> files;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (!is_ply(it->path())) continue;
-    STGS_ASSIGN(const std::uint64_t number, number_of(it->path()));
-    files.push_back({number, it->path().string()});
+    if (is_ply(it->path())) files.push_back({0, it->path().string()});
   }
   if (error) return io_error("{}: cannot list the folder: {}", folder, error.message());
   if (files.empty()) return io_error("{}: has no file that ends in .ply", folder);
+  if (files.size() == 1) return files;
+  for (FrameFile& file : files) {
+    STGS_ASSIGN(file.number, number_of(file.path));
+  }
   std::sort(files.begin(), files.end(), [](const FrameFile& a, const FrameFile& b) {
     return std::pair(a.number, a.path) < std::pair(b.number, b.path);
   });

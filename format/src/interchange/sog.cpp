@@ -11,7 +11,9 @@
 #include "interchange/import.h"
 #include "interchange/json_fields.h"
 #include "interchange/named_files.h"
+#include "interchange/sog_models.h"
 #include "interchange/webp_image.h"
+#include "stgs/format/interchange_formats.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs {
@@ -310,48 +312,10 @@ class SogReader {
   int width_ = 0, height_ = 0;  // of every picture with a pixel for each splat
 };
 
-// The models that a path stands for: a bundle, a meta.json, a folder with one, or a folder of such
-// folders, in the order of their names.
-Result<std::vector<std::string>> models_at(const std::string& path) {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  if (!fs::is_directory(path, error)) return std::vector<std::string>{path};
-  if (fs::exists(fs::path(path) / "meta.json", error)) {
-    return std::vector<std::string>{(fs::path(path) / "meta.json").string()};
-  }
-  if (fs::exists(fs::path(path) / "lod-meta.json", error)) {
-    return unsupported(
-        "{}: is a streamed SOG set of several levels of detail, which would be drawn over each "
-        "other; give a folder with the chunks of one level",
-        path);
-  }
-  std::vector<std::string> found;
-  for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
-    const fs::path meta = it->path() / "meta.json";
-    std::error_code missing;
-    if (fs::is_regular_file(meta, missing)) {
-      found.push_back(meta.string());
-    } else if (it->path().extension() == ".sog" && it->is_regular_file(missing)) {
-      found.push_back(it->path().string());
-    }
-  }
-  if (error) return io_error("{}: cannot list the folder: {}", path, error.message());
-  if (found.empty()) return io_error("{}: has no meta.json, nor a folder with one", path);
-  std::sort(found.begin(), found.end());
-  return found;
-}
-
-bool is_bundle(const std::string& path) {
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
-  return ending != ".json";
-}
-
 }  // namespace
 
 Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, ConversionNotes* notes) {
-  STGS_ASSIGN(const std::vector<std::string> models, models_at(path));
+  STGS_ASSIGN(const std::vector<std::string> models, sog_models(path));
   std::vector<std::unique_ptr<NamedFiles>> files;
   std::vector<SogReader> readers;
   readers.reserve(models.size());
@@ -360,7 +324,7 @@ Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, Conver
   for (const std::string& model : models) {
     const std::filesystem::path place(model);
     std::string meta_name = "meta.json";
-    if (is_bundle(model)) {
+    if (name_ending(model) != ".json") {
       STGS_ASSIGN(std::unique_ptr<NamedFiles> bundle, zip_files(model));
       files.push_back(std::move(bundle));
     } else {

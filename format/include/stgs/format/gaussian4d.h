@@ -18,6 +18,10 @@ struct TimeBase {
   bool operator==(const TimeBase&) const = default;
 };
 
+// The length of a frame at that many frames a second, > 0: rates are whole, NTSC's (29.97 stands
+// for 30000/1001), or thousandths.
+TimeBase frame_time_of(double fps);
+
 // N primitives. Every array holds its components one primitive after the other.
 struct Gaussians4D {
   int sh_degree = 0;                 // 0..3

@@ -68,33 +68,6 @@ Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set);
 // kUnsupported for no primitives, and beyond the 4 GiB of a .glb.
 Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
 
-// A format that can be read, or written from one moment, or both.
-struct InterchangeFormat {
-  const char* name;    // "SPZ"
-  const char* ending;  // of file names, lower case, with its dot
-  // Whether `path`, whose first bytes are `head`, holds this format; `head` is empty for a folder.
-  bool (*holds)(const std::string& path, std::span<const std::uint8_t> head);
-  // From bytes; null where it is only written, or read from a path.
-  Result<Scene> (*read)(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes);
-  // For what is more than one file; null elsewhere.
-  Result<Scene> (*read_path)(const std::string& path, const ReadLimits& limits,
-                             ConversionNotes* notes);
-  // Null where it is only read. Takes a static set.
-  Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set);
-};
-
-// All of them but .stgs, in the order in which readers are tried.
-std::span<const InterchangeFormat> interchange_formats();
-// The format that a file or folder holds, by its content; null for .stgs, and for none of them.
-Result<const InterchangeFormat*> format_of_content(const std::string& path);
-// Reads a file or folder of that format; kUnsupported where it is only written.
-Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
-                               const ReadLimits& limits = {}, ConversionNotes* notes = nullptr);
-// The format that can be written under this name; null for none.
-const InterchangeFormat* format_to_write(const std::string& path);
-// "a.SPZ" -> ".spz"; "" where there is none.
-std::string name_ending(const std::string& path);
-
 // How far a set that was written and read back is from what was meant, primitive by primitive.
 struct ConversionErrors {
   double position_max = 0, position_rms = 0;    // scene units

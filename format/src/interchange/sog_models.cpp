@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "interchange/sog_models.h"
+
+#include <algorithm>
+#include <filesystem>
+
+namespace stgs {
+
+Result<std::vector<std::string>> sog_models(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return std::vector<std::string>{path};
+  if (fs::exists(fs::path(path) / "meta.json", error)) {
+    return std::vector<std::string>{(fs::path(path) / "meta.json").string()};
+  }
+  if (fs::exists(fs::path(path) / "lod-meta.json", error)) {
+    return unsupported(
+        "{}: is a streamed SOG set of several levels of detail, which would be drawn over each "
+        "other; give a folder with the chunks of one level",
+        path);
+  }
+  std::vector<std::string> found;
+  for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
+    const fs::path meta = it->path() / "meta.json";
+    std::error_code missing;
+    if (fs::is_regular_file(meta, missing)) {
+      found.push_back(meta.string());
+    } else if (it->path().extension() == ".sog" && it->is_regular_file(missing)) {
+      found.push_back(it->path().string());
+    }
+  }
+  if (error) return io_error("{}: cannot list the folder: {}", path, error.message());
+  if (found.empty()) return io_error("{}: has no meta.json, nor a folder with one", path);
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+bool is_sog_folder(const std::string& folder) {
+  std::error_code error;
+  if (!std::filesystem::is_directory(folder, error)) return false;
+  return sog_models(folder).ok() ||
+         std::filesystem::exists(std::filesystem::path(folder) / "lod-meta.json", error);
+}
+
+}  // namespace stgs

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "import_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "options.h"
+
+namespace stgs::tools {
+namespace {
+
+Json to_json(const SequenceTolerances& t) {
+  return {{"position", t.position},
+          {"log_scale", t.log_scale},
+          {"rotation", t.rotation},
+          {"opacity", t.opacity},
+          {"colour", t.colour}};
+}
+
+Json to_json(const SequenceReport& r) {
+  return {{"frames", r.frames},          {"splats", r.splats},
+          {"primitives", r.primitives},  {"whole_clip", r.whole_clip},
+          {"moving", r.moving},          {"matched", r.matched()},
+          {"errors", to_json(r.errors)}, {"position_error", r.position_error}};
+}
+
+Json to_json(const SplatvReport& r) {
+  return {{"bent", r.bent},
+          {"path_max", r.path_max},
+          {"path_rms", r.path_rms},
+          {"rotation_max", r.rotation_max}};
+}
+
+}  // namespace
+
+void ImportOptions::declare(CLI::App& app) {
+  const char* group = "Formats that move";
+  app.add_option("--fps", fps_, "Frames a second of a folder of PLY frames or a .splatv: 30")
+      ->check(number_between(0.001, 1000))
+      ->group(group);
+  app.add_option("--frames", frames_, "Frames of a .splatv, which does not say how many: 50")
+      ->check(number_between(1, 1'000'000))
+      ->group(group);
+  app.add_option(
+         "--tolerance", tolerance_,
+         "How much a splat of a folder of PLY frames may differ from frame to frame and be\n"
+         "one primitive: 1, times 0.02 of its size and 1/255 of colour and opacity")
+      ->check(number_between(0, 1000))
+      ->group(group);
+}
+
+Status ImportOptions::check(const std::string& path, const InterchangeFormat* format) const {
+  const bool sequence = format != nullptr && format->takes == InterchangeFormat::kSequence;
+  const bool splatv = format != nullptr && format->takes == InterchangeFormat::kSplatv;
+  const char* name = format == nullptr ? "STGS" : format->name;
+  if (fps_ && !sequence && !splatv) {
+    return usage_error("{}: is {}; --fps is for a folder of PLY frames and for .splatv", path,
+                       name);
+  }
+  if (frames_ && !splatv) {
+    return usage_error("{}: is {}; --frames is for .splatv", path, name);
+  }
+  if (tolerance_ && !sequence) {
+    return usage_error("{}: is {}; --tolerance is for a folder of PLY frames", path, name);
+  }
+  return {};
+}
+
+ImportSettings ImportOptions::settings() const {
+  ImportSettings settings;
+  if (fps_) settings.sequence.frame_time = settings.splatv.frame_time = frame_time_of(*fps_);
+  if (frames_) settings.splatv.frames = *frames_;
+  const double factor = tolerance_.value_or(1);
+  SequenceTolerances& t = settings.sequence.tolerances;
+  for (double* value : {&t.position, &t.log_scale, &t.rotation, &t.opacity, &t.colour}) {
+    *value *= factor;
+  }
+  return settings;
+}
+
+Json import_json(const ImportReport& report) {
+  return {{"sequence", report.sequence ? to_json(*report.sequence) : Json(nullptr)},
+          {"splatv", report.splatv ? to_json(*report.splatv) : Json(nullptr)}};
+}
+
+std::string import_text(const ImportReport& report) {
+  if (!report.sequence) return {};
+  const SequenceReport& r = *report.sequence;
+  return fmt::format(
+      "{} frames, {} splats to {} primitives ({} cover the clip, {} move); {:.1f} % of the splats "
+      "of later frames continue one\n"
+      "off by at most: position {:.3g} scene units ({:.3g} of its size), log scale {:.3g}, opacity "
+      "{:.3g}, colour {:.3g}\n",
+      r.frames, r.splats, r.primitives, r.whole_clip, r.moving, 100 * r.matched(), r.position_error,
+      r.errors.position, r.errors.log_scale, r.errors.opacity, r.errors.colour);
+}
+
+}  // namespace stgs::tools
