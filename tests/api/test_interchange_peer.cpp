@@ -2,7 +2,7 @@
 // Files that another program wrote (tests/data/interchange/README.md).
 #include <catch2/catch.hpp>
 
-#include "stgs/format/interchange.h"
+#include "stgs/format/interchange_formats.h"
 
 namespace stgs {
 namespace {
@@ -12,10 +12,10 @@ Gaussians4D read(const std::string& name) {
   const Result<const InterchangeFormat*> format = format_of_content(path);
   REQUIRE(format.ok());
   REQUIRE(*format != nullptr);
-  ConversionNotes notes;
-  Result<Scene> scene = read_interchange(**format, path, {}, &notes);
+  ImportReport found;
+  Result<Scene> scene = read_interchange(**format, path, {}, {}, found);
   REQUIRE(scene.ok());
-  CHECK(notes.empty());
+  CHECK(found.notes.empty());
   return std::move(scene->gaussians);
 }
 

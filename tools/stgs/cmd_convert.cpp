@@ -251,7 +251,7 @@ class Convert final : public Command {
     constexpr double kExact = 1e-4;  // degrees; what is left of comparing quaternions in floats
     const ConversionErrors& e = *work.errors;
     if (work.to == nullptr || (e.position_max == 0.0 && e.rotation_max < kExact)) return;
-    work.notes.push_back(fmt::format(
+    work.found.notes.push_back(fmt::format(
         "{} rounds: positions by up to {:.2g}, scales by {:.2g} %, rotations by {:.2g} degrees, "
         "opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
         work.to->name, e.position_max, 100.0 * std::expm1(e.log_scale_max), e.rotation_max,
