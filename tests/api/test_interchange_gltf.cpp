@@ -154,4 +154,21 @@ TEST_CASE("errors of a conversion are what they say") {
   CHECK_FALSE(conversion_errors(a, b).ok());
 }
 
+TEST_CASE("a set that cannot be drawn is not written") {
+  const Gaussians4D good = testing::random_scene(4, 1, 6, 8).gaussians;
+  std::vector<Gaussians4D> bad(5, good);
+  bad[0].position[5] = std::nanf("");
+  bad[1].sh[11] = INFINITY;
+  for (std::size_t c = 0; c < 4; ++c) bad[2].rotation[4 + c] = 0;
+  bad[3].log_scale.pop_back();
+  bad[4].sh_degree = 2;
+  for (const InterchangeFormat& format : interchange_formats()) {
+    if (format.write == nullptr) continue;
+    CHECK(format.write(good).ok());
+    for (const Gaussians4D& set : bad) {
+      CHECK(format.write(set).status().code() == StatusCode::kUsage);
+    }
+  }
+}
+
 }  // namespace stgs

@@ -20,6 +20,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::size_t kGrain = 16384;
 constexpr int kFloat = 5126, kUnsignedByte = 5121, kArrayBuffer = 34962;  // of the glTF schema
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;
+constexpr std::uint64_t kMostJsonBytes = 64 * 1024;  // far above what is written
 constexpr const char* kExtension = "KHR_gaussian_splatting";
 
 // The binary chunk, and the JSON that describes what is in it.
@@ -161,7 +162,14 @@ std::string document(const GltfBuffer& buffer) {
 }  // namespace
 
 Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set) {
+  STGS_TRY(check_export(set));
   if (set.size() == 0) return unsupported("glTF has no way to hold 0 primitives");
+  const std::uint64_t floats = 11 + 3 * static_cast<std::uint64_t>(set.sh_coefficients());
+  const std::uint64_t data_bytes = set.size() * sizeof(float) * (floats + 1);  // 1: COLOR_0
+  if (data_bytes > 0xFFFFFFFF - kMostJsonBytes) {
+    return unsupported("a .glb holds at most 4 GiB; {} primitives would take {} bytes", set.size(),
+                       data_bytes);
+  }
   flip_axes(set, -1, -1, 1);
   GltfBuffer buffer(set.size());
   add_positions(set, buffer);
@@ -170,10 +178,6 @@ Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set) {
   const std::string json = document(buffer);
   const std::vector<std::uint8_t>& data = buffer.data();  // of whole words: all attributes are
   const std::uint64_t total = 12 + 8 + json.size() + 8 + data.size();
-  if (total > 0xFFFFFFFF) {
-    return unsupported("a .glb holds at most 4 GiB; {} primitives would take {} bytes", set.size(),
-                       total);
-  }
   ByteWriter out;
   for (const std::uint32_t word : {kGlbMagic, 2u, static_cast<std::uint32_t>(total),
                                    static_cast<std::uint32_t>(json.size()), kJsonChunk}) {

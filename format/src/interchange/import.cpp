@@ -68,6 +68,25 @@ void keep_drawable(Gaussians4D& set, ConversionNotes* notes) {
   }
 }
 
+Status check_export(const Gaussians4D& set) {
+  if (set.sh_degree < 0 || set.sh_degree > 3) {
+    return usage_error("harmonics of degree {}, not 0 to 3", set.sh_degree);
+  }
+  const std::size_t n = set.size();
+  const std::size_t sh = 3 * n * static_cast<std::size_t>(set.sh_coefficients());
+  if (set.position.size() != 3 * n || set.log_scale.size() != 3 * n ||
+      set.rotation.size() != 4 * n || set.sh.size() != sh) {
+    return usage_error("the arrays of a set of {} primitives differ in length", n);
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!can_be_drawn(set, i)) {
+      return usage_error("primitive {} has a value that is not finite, or a rotation of length 0",
+                         i);
+    }
+  }
+  return {};
+}
+
 Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
   keep_drawable(set, notes);
   return static_scene(std::move(set));

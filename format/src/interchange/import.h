@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the readers of other formats share.
+// What the readers and writers of other formats share.
 #pragma once
 
 #include <cstdint>
@@ -25,6 +25,10 @@ float logit_of_byte(int value);
 void keep_drawable(Gaussians4D& set, ConversionNotes* notes);
 // A static scene of what was decoded and can be drawn.
 Scene finish_import(Gaussians4D set, ConversionNotes* notes);
+
+// kUsage for a set that no writer takes: arrays that differ in length, a degree beyond 0..3, values
+// that are not finite, a rotation of length 0.
+Status check_export(const Gaussians4D& set);
 
 // Appends to notes that may not be there.
 inline void note(ConversionNotes* notes, std::string text) {

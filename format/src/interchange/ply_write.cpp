@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstring>
 
-#include "stgs/format/interchange.h"
+#include "interchange/import.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs {
@@ -27,6 +27,7 @@ std::string header_of(const Gaussians4D& set) {
 }  // namespace
 
 Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set) {
+  STGS_TRY(check_export(set));
   const std::string header = header_of(set);
   const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
   const std::size_t width = 14 + 3 * coefficients;  // floats a vertex, normals among them

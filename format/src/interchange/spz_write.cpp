@@ -109,6 +109,7 @@ Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) 
 }  // namespace
 
 Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set) {
+  STGS_TRY(check_export(set));
   if (set.size() == 0) return unsupported("SPZ has no way to hold 0 primitives");
   if (set.size() > 0x7FFFFFFF) return unsupported("SPZ holds at most 2^31 - 1 primitives");
   const int fraction_bits = fraction_bits_for(set);

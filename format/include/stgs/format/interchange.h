@@ -7,7 +7,8 @@
 //
 // Readers check every count against the bytes present and the caller's limits before they allocate.
 // A primitive that cannot be drawn (a value that is no number, a rotation of length 0) is left out,
-// and a note says how many were. All functions are free of state and may run on any thread.
+// and a note says how many were. Writers refuse such a set (kUsage). All functions are free of
+// state and may run on any thread.
 #pragma once
 
 #include <cstdint>
