@@ -33,6 +33,7 @@ inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
 inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
 inline constexpr std::uint32_t kPartsTag = tag_of("PART");
 inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
+inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 
 // XXH3-64, seed 0 (spec 1.5).
 std::uint64_t checksum(std::span<const std::uint8_t> bytes);
@@ -55,20 +56,42 @@ struct FileMetadata {
   int sh_degree = 0;
 };
 
+// A layer is what a record brings, and for which tier of a segment's primitives (spec 5.7).
+enum class Content : std::uint8_t {
+  kPrimitives = 0,  // all attributes; the harmonics above degree 0 may be left to the next
+  kHarmonics = 1,
+};
+inline constexpr int kMaxTiers = 256;
+constexpr std::uint16_t layer_of(Content content, int tier) {
+  return static_cast<std::uint16_t>(static_cast<int>(content) << 8 | tier);
+}
+constexpr int tier_of(std::uint16_t layer) {
+  return layer & 0xFF;
+}
+constexpr int content_of(std::uint16_t layer) {
+  return layer >> 8;
+}
+
 // One INDX entry (spec 5.3).
 struct IndexEntry {
   std::int16_t level = 0;
-  std::uint16_t layer = 0;
+  std::uint16_t layer = 0;  // content and tier (spec 5.7)
   std::uint32_t slot = 0;
   std::uint64_t offset = 0, bytes = 0;  // of the whole SEGM record
   std::uint32_t primitives = 0;
-  std::uint32_t part = 0;  // follows from PART
+};
+
+// A segment of a tier: the record of its primitives, and where there is one that of the harmonics
+// that the former leaves out.
+struct SegmentEntry {
+  IndexEntry base, harmonics;  // harmonics.bytes = 0: there is no such record
+  std::uint32_t part = 0;      // follows from PART
 };
 
 // A row of PART (spec 5.10).
 struct PartEntry {
-  double begin = 0, end = 0;   // ticks
-  std::uint32_t segments = 0;  // of layer 0
+  double begin = 0, end = 0;  // ticks
+  std::uint32_t segments = 0;
 };
 
 struct AttributeBytes {
@@ -79,7 +102,7 @@ struct AttributeBytes {
 struct FileIndex {
   double chunk_ticks = 0;
   std::uint64_t primitives = 0;
-  std::vector<IndexEntry> entries;
+  std::vector<SegmentEntry> segments;
   std::vector<AttributeBytes> attributes;
 };
 
@@ -94,11 +117,17 @@ std::vector<std::uint8_t> write_header(const FileHeader& header);
 std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload,
                                        std::uint32_t flags = kCritical);
 std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata);
-std::vector<std::uint8_t> write_index(const FileIndex& index);
+std::vector<std::uint8_t> write_index(FileIndex& index);
 std::vector<std::uint8_t> write_parts(std::span<const PartEntry> parts);
 std::vector<std::uint8_t> write_window(const CaptureWindow& window);
-// Bytes of write_index() for so many segments and attributes.
-std::uint64_t index_bytes(std::size_t segments, std::size_t attributes);
+// The importances in the order of the file's primitives.
+std::vector<std::uint8_t> write_importance(std::span<const float> importance,
+                                           std::span<const std::uint32_t> order);
+// The index's rows in the order of their records in the file (spec 5.6): the segments of an
+// interval tier after tier, then their harmonics.
+std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments);
+// Bytes of write_index() for so many records and attributes.
+std::uint64_t index_bytes(std::size_t records, std::size_t attributes);
 
 // Each parser reports what is wrong and returns whether its result can be used for going on.
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
@@ -148,7 +177,7 @@ bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings);
 // That the window lies in its capture (spec 4.5).
 void check_window(const SceneMetadata& metadata, Findings& findings);
 // The moments at which a segment's primitives are drawn: its interval within its part's.
-Interval interval_of(const FileHead& head, const IndexEntry& entry);
+Interval interval_of(const FileHead& head, const SegmentEntry& segment);
 // Reads and checks the head (spec 2.3); false where the segments cannot be reached.
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings);

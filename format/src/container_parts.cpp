@@ -71,24 +71,24 @@ bool PartCursor::begins_part(std::uint64_t segment) {
 }
 
 bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings) {
-  std::vector<IndexEntry>& entries = head.index.entries;
+  std::vector<SegmentEntry>& segments = head.index.segments;
   if (head.parts.empty()) {
     head.parts.push_back({0.0, static_cast<double>(head.metadata.scene.frames),
-                          static_cast<std::uint32_t>(entries.size())});
+                          static_cast<std::uint32_t>(segments.size())});
   }
   std::uint64_t next = 0;
   for (std::uint32_t p = 0; p < head.parts.size(); ++p) {
     const std::uint64_t end = next + head.parts[p].segments;
-    for (; next < end && next < entries.size(); ++next) entries[next].part = p;
+    for (; next < end && next < segments.size(); ++next) segments[next].part = p;
     next = end;
   }
-  if (next != entries.size()) {
+  if (next != segments.size()) {
     findings.error(N::kParts, offset, "parts: they have {} segments, the index has {}", next,
-                   entries.size());
+                   segments.size());
     return false;
   }
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    const Interval interval = interval_of(head, entries[i]);
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const Interval interval = interval_of(head, segments[i]);
     if (interval.begin < interval.end) continue;
     findings.error(N::kSegmentInterval, offset, "index: segment {} lies outside its part", i);
     return false;
@@ -96,10 +96,10 @@ bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings) {
   return true;
 }
 
-Interval interval_of(const FileHead& head, const IndexEntry& entry) {
-  const PartEntry& part = head.parts[entry.part];
-  const Interval whole =
-      interval_of(entry.level, entry.slot, head.index.chunk_ticks, head.metadata.scene.frames);
+Interval interval_of(const FileHead& head, const SegmentEntry& segment) {
+  const PartEntry& part = head.parts[segment.part];
+  const Interval whole = interval_of(segment.base.level, segment.base.slot, head.index.chunk_ticks,
+                                     head.metadata.scene.frames);
   return {std::max(whole.begin, part.begin), std::min(whole.end, part.end)};
 }
 

@@ -74,12 +74,89 @@ bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk, std::u
   return rank_a > rank_b;
 }
 
+IndexEntry read_entry(ByteReader& in) {  // spec 5.3
+  IndexEntry entry;
+  entry.level = static_cast<std::int16_t>(in.u16());
+  entry.layer = in.u16();
+  entry.slot = in.u32();
+  entry.offset = in.u64();
+  entry.bytes = in.u64();
+  entry.primitives = in.u32();
+  return entry;
+}
+
+// Turns the rows of an index into segments, and checks their order (spec 5.6).
+class IndexWalk {
+ public:
+  explicit IndexWalk(FileHead& head)
+      : head_(head), parts_(head.parts), body_at_(head.header.head_bytes) {}
+
+  // Row i at byte `at`; false: what follows cannot be understood.
+  bool add(const IndexEntry& row, std::size_t i, std::uint64_t at, Findings& findings) {
+    const int content = content_of(row.layer);
+    // Refinements that this version does not know, and does without (spec 5.7).
+    if (content > static_cast<int>(Content::kHarmonics)) return true;
+    FileIndex& index = head_.index;
+    if (!check_entry(row, i, at, head_.header, index, frames(), body_at_, findings)) return false;
+    body_at_ = row.offset + row.bytes;
+    const bool good =
+        content == static_cast<int>(Content::kPrimitives) ? add_base(row) : add_harmonics(row);
+    if (!good) findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
+    return good;
+  }
+
+ private:
+  std::uint32_t frames() const { return head_.metadata.scene.frames; }
+
+  bool add_base(const IndexEntry& row) {
+    std::vector<SegmentEntry>& segments = head_.index.segments;
+    const bool begins_part = parts_.begins_part(segments.size());
+    if (!segments.empty() && !begins_part) {
+      const IndexEntry& last = segments.back().base;
+      const bool same = last.level == row.level && last.slot == row.slot;
+      if (same && (has_harmonics_ || tier_of(last.layer) >= tier_of(row.layer))) return false;
+      if (!same && !comes_before(last, row, head_.index.chunk_ticks, frames())) return false;
+      if (!same) begin_run();
+    } else {
+      begin_run();
+    }
+    segments.push_back({row, {}, 0});
+    return true;
+  }
+
+  // Of a segment of the run, whose tiers' harmonics come in their order.
+  bool add_harmonics(const IndexEntry& row) {
+    std::vector<SegmentEntry>& segments = head_.index.segments;
+    for (; run_ < segments.size(); ++run_) {
+      const IndexEntry& base = segments[run_].base;
+      if (base.level != row.level || base.slot != row.slot) return false;
+      if (tier_of(base.layer) != tier_of(row.layer)) continue;
+      if (base.primitives != row.primitives) return false;
+      segments[run_++].harmonics = row;
+      has_harmonics_ = true;
+      return true;
+    }
+    return false;
+  }
+
+  void begin_run() {
+    run_ = head_.index.segments.size();
+    has_harmonics_ = false;
+  }
+
+  FileHead& head_;
+  PartCursor parts_;
+  std::uint64_t body_at_ = 0;  // where the next record may begin
+  std::size_t run_ = 0;        // of the interval's segments, the next that may get harmonics
+  bool has_harmonics_ = false;
+};
+
 void check_limits(const FileIndex& index, const FileMetadata& metadata, std::uint64_t offset,
                   const ReadLimits& limits, Findings& findings) {
   std::uint64_t total = 0;
   const std::uint64_t bytes = 4 * floats_per_primitive(metadata.sh_degree);
-  for (std::size_t i = 0; i < index.entries.size(); ++i) {
-    const IndexEntry& entry = index.entries[i];
+  for (std::size_t i = 0; i < index.segments.size(); ++i) {
+    const IndexEntry& entry = index.segments[i].base;
     total += entry.primitives;
     if (entry.primitives > limits.max_memory / bytes) {
       findings.unsupported(N::kMemoryLimit, offset,
@@ -348,28 +425,10 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
     findings.error(N::kChunk, offset, "index: a chunk of {} ticks", index.chunk_ticks);
     return false;
   }
-  const std::uint32_t frames = head.metadata.scene.frames;
-  std::uint64_t body_at = head.header.head_bytes;
-  PartCursor parts(head.parts);
+  IndexWalk walk(head);
   for (std::uint32_t i = 0; i < segments; ++i) {
     const std::uint64_t at = offset + in.position();
-    IndexEntry entry;
-    entry.level = static_cast<std::int16_t>(in.u16());
-    entry.layer = in.u16();
-    entry.slot = in.u32();
-    entry.offset = in.u64();
-    entry.bytes = in.u64();
-    entry.primitives = in.u32();
-    if (entry.layer != 0) continue;  // refinements, which the base does without (spec 5.7)
-    if (!check_entry(entry, i, at, head.header, index, frames, body_at, findings)) return false;
-    const bool begins_part = parts.begins_part(index.entries.size());
-    if (!index.entries.empty() && !begins_part &&
-        !comes_before(index.entries.back(), entry, index.chunk_ticks, frames)) {
-      findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
-      return false;
-    }
-    body_at = entry.offset + entry.bytes;
-    index.entries.push_back(entry);
+    if (!walk.add(read_entry(in), i, at, findings)) return false;
   }
   for (std::uint32_t i = 0; i < attributes; ++i) {
     AttributeBytes attribute;

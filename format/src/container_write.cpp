@@ -61,19 +61,40 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   return out.take();
 }
 
-std::vector<std::uint8_t> write_index(const FileIndex& index) {  // spec 5.2
+std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
+  std::vector<IndexEntry*> records;
+  for (std::size_t begin = 0; begin < segments.size();) {
+    const SegmentEntry& first = segments[begin];
+    std::size_t end = begin;
+    for (; end < segments.size(); ++end) {
+      const SegmentEntry& segment = segments[end];
+      if (segment.part != first.part || segment.base.level != first.base.level ||
+          segment.base.slot != first.base.slot) {
+        break;
+      }
+      records.push_back(&segments[end].base);
+    }
+    for (; begin < end; ++begin) {
+      if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);
+    }
+  }
+  return records;
+}
+
+std::vector<std::uint8_t> write_index(FileIndex& index) {  // spec 5.2
+  const std::vector<IndexEntry*> records = records_of(index.segments);
   ByteWriter out;
   out.f64(index.chunk_ticks);
   out.u64(index.primitives);
-  out.u32(static_cast<std::uint32_t>(index.entries.size()));
+  out.u32(static_cast<std::uint32_t>(records.size()));
   out.u32(static_cast<std::uint32_t>(index.attributes.size()));
-  for (const IndexEntry& entry : index.entries) {
-    out.u16(static_cast<std::uint16_t>(entry.level));
-    out.u16(entry.layer);
-    out.u32(entry.slot);
-    out.u64(entry.offset);
-    out.u64(entry.bytes);
-    out.u32(entry.primitives);
+  for (const IndexEntry* record : records) {
+    out.u16(static_cast<std::uint16_t>(record->level));
+    out.u16(record->layer);
+    out.u32(record->slot);
+    out.u64(record->offset);
+    out.u64(record->bytes);
+    out.u32(record->primitives);
   }
   for (const AttributeBytes& attribute : index.attributes) {
     out.u16(attribute.attribute);
@@ -102,8 +123,15 @@ std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4
   return out.take();
 }
 
-std::uint64_t index_bytes(std::size_t segments, std::size_t attributes) {
-  return 24 + std::uint64_t{28} * segments + std::uint64_t{10} * attributes;
+std::vector<std::uint8_t> write_importance(std::span<const float> importance,
+                                           std::span<const std::uint32_t> order) {  // spec 5.11
+  ByteWriter out;
+  for (const std::uint32_t i : order) out.f32(importance[i]);
+  return out.take();
+}
+
+std::uint64_t index_bytes(std::size_t records, std::size_t attributes) {
+  return 24 + std::uint64_t{28} * records + std::uint64_t{10} * attributes;
 }
 
 }  // namespace stgs

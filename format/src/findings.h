@@ -49,6 +49,7 @@ enum class IssueNumber : int {
   kAttributeTotal = 309,      // bytes by attribute differ from the segments
   kUnlistedRecord = 310,      // warning: a segment record that the index does not list
   kParts = 311,               // PART too short, out of order or not the index's
+  kImportance = 312,          // IMPO of another size, or with a value that is none
   kSegmentMismatch = 400,     // the record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // an attribute missing, twice or out of order

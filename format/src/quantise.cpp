@@ -7,11 +7,17 @@
 #include <cmath>
 #include <numeric>
 
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+
 namespace stgs {
 namespace {
 
 constexpr int kDefaultQuality = 85;
-constexpr double kDeadZone = 0.1;  // of a step, harmonics above degree 0
+constexpr double kDeadZone = 0.15;        // of a step, harmonics above degree 0
+constexpr double kEvenOpacity = -7.0;     // octaves: opacity that a constant lifespan may be off
+constexpr double kImportancePower = 0.3;  // of a step, by importance: measured, not the ideal 0.5
+constexpr double kMostOctaves = 3.0;      // that importance makes a step finer or coarser
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
@@ -74,7 +80,7 @@ double typical_log_scale(const Gaussians4D& set) {
 }
 
 // The same Gaussian with its largest component first and positive: half turns about its own axes
-// change nothing that can be seen (spec 8.4).
+// change nothing that can be seen (spec 8.5).
 std::array<double, 4> canonical(const float* q) {
   std::array<double, 4> out{q[0], q[1], q[2], q[3]};
   const std::array<double, 4> p = out;
@@ -157,19 +163,35 @@ Integers displacement(const Gaussians4D& part, int exponent, std::uint32_t frame
   return out;
 }
 
-Integers rotation(const Gaussians4D& part, int exponent) {
+// `shapes`: the primitives with the log-scales that a decoder will see.
+Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, int exponent) {
   const std::size_t n = part.size();
-  Integers out = begin(Attribute::kRotation, Mapping::kRotation, exponent, 3, n);
+  Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, exponent, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
     const std::array<double, 4> q = canonical(part.rotation.data() + 4 * i);
+    const int own = std::clamp(exponent + rotation_shift(shapes.data() + 3 * i), kFinestRotation,
+                               kCoarsestRotation);
     for (std::size_t c = 0; c < 3; ++c) {
-      out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], exponent));
+      out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));
     }
   }
   return out;
 }
 
-// A little towards 0 before rounding: more zeros for less than they cost (spec 8.5).
+// The log-scales that a decoder makes of these integers.
+std::vector<float> decoded_log_scales(const Integers& integers) {
+  const std::size_t n = integers.values.size() / 3;
+  std::vector<float> out(3 * n);
+  const float step = std::ldexp(1.0f, integers.exponent);
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < n; ++i) {
+      out[3 * i + c] = integers.origin[c] + step * static_cast<float>(integers.values[c * n + i]);
+    }
+  }
+  return out;
+}
+
+// A little towards 0 before rounding: more zeros for less than they cost (spec 8.6).
 double towards_zero(double x, int exponent) {
   return std::copysign(std::max(0.0, std::abs(x) - std::ldexp(kDeadZone, exponent)), x);
 }
@@ -232,34 +254,77 @@ Integers position(const Gaussians4D& part, int finest, std::vector<std::uint32_t
   return out;
 }
 
-}  // namespace
-
-Quantiser::Quantiser(const Gaussians4D& set, std::uint32_t frames, int quality) : frames_(frames) {
-  // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
-  const double coarser = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
-  // The fractions spread the attributes' doublings over the range of qualities.
-  const auto exponent = [coarser](double at_85) {
-    return static_cast<int>(std::floor(at_85 + coarser));
-  };
-  const double size = typical_log_scale(set) / std::log(2.0);
-  coarsest_position_ = exponent_for(extent_of(set).largest() * 1.000001, kMortonBits);
-  steps_.position = std::clamp(exponent(size - 3.5), -100, 100);
-  steps_.displacement = steps_.position + 3;
-  double latest = frames;
-  for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
-  steps_.time = std::max(exponent(-3.0 + 0.2), exponent_for(latest * 1.000001, 23));
-  steps_.lifespan_shift = std::clamp(exponent(20.0 + 0.4), 16, 22);
-  steps_.log_scale = exponent(-5.0 + 0.6);
-  steps_.rotation = std::clamp(exponent(-7.0 + 0.8), -12, -4);
-  steps_.opacity = exponent(-4.0 + 0.1);
-  steps_.sh[0] = exponent(-6.0 + 0.3);
-  steps_.sh[1] = exponent(-6.0 + 0.5);
-  steps_.sh[2] = exponent(-6.0 + 0.7);
-  steps_.sh[3] = exponent(-5.0 + 0.9);
+double mean_of(std::span<const float> values) {
+  double sum = 0.0;
+  for (const float v : values) sum += v;
+  return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
 }
 
-Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set) const {
+// Where primitive i moves by less than `still` in the interval and its opacity changes by less than
+// `even` either way: its mean opacity, for all of the interval and at rest in its middle.
+void make_constant(const Interval& interval, double still, double even, std::size_t i,
+                   Gaussians4D& set) {
+  const auto time = static_cast<double>(set.time[i]), length = interval.end - interval.begin;
+  const double nearest = std::clamp(time, interval.begin, interval.end);
+  const double middle = 0.5 * (interval.begin + interval.end);
+  const double farthest = time < middle ? interval.end : interval.begin;
+  const auto seen = [&](double t) {
+    return math::visibility(static_cast<float>(t - time), set.sigma[i], set.radius[i]);
+  };
+  const double most = seen(nearest), least = seen(farthest);
+  const double opacity = math::opacity_of(set.opacity_logit[i]);
+  float* u = &set.velocity[3 * i];
+  const double way =
+      length * std::sqrt(double{u[0]} * u[0] + double{u[1]} * u[1] + double{u[2]} * u[2]);
+  if (opacity * (most - least) > 2.0 * even || way > still) return;
+  const double mean = opacity * 0.5 * (most + least);
+  set.opacity_logit[i] = static_cast<float>(std::log(mean / (1.0 - mean)));
+  for (std::size_t c = 0; c < 3; ++c) {
+    set.position[3 * i + c] += u[c] * static_cast<float>(middle - time);
+    u[c] = 0.0f;
+  }
+  set.time[i] = static_cast<float>(middle);
+  set.sigma[i] = 1.0f;
+  set.radius[i] = static_cast<float>(length);
+}
+
+}  // namespace
+
+Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
+                     std::uint32_t frames, int quality)
+    : frames_(frames) {
+  // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
+  coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
+  importance_ = mean_of(importance);
+  const double size = typical_log_scale(set) / std::log(2.0);
+  coarsest_position_ = exponent_for(extent_of(set).largest() * 1.000001, kMortonBits);
+  steps_.position = std::clamp(size - 3.0, -100.0, 100.0);
+  steps_.displacement = steps_.position + 1.0;
+  steps_.log_scale = -3.4;
+  steps_.rotation = -5.2;
+  steps_.sh[0] = -4.4;
+  steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = -4.8;
+  double latest = frames;
+  for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
+  // The fractions spread the attributes' doublings over the range of qualities.
+  const auto exponent = [this](double at_85) {
+    return static_cast<int>(std::floor(at_85 + coarser_));
+  };
+  steps_.time = std::max(exponent(-3.0 + 0.2), exponent_for(latest * 1.000001, 23));
+  steps_.lifespan_shift = std::clamp(exponent(20.0 + 0.4), 16, 22);
+  steps_.opacity = exponent(-2.0 + 0.1);
+}
+
+Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
+                                      std::span<const PartRange> parts) const {
   Gaussians4D out = set;
+  const double still = std::exp2(steps_.displacement + coarser_ - 1.0);
+  const double even = std::exp2(kEvenOpacity + coarser_);
+  for (const PartRange& part : parts) {
+    for (std::uint32_t i = part.first; i < part.last; ++i) {
+      make_constant(part.interval, still, even, i, out);
+    }
+  }
   const int shift = steps_.lifespan_shift;
   for (std::size_t i = 0; i < out.size(); ++i) {
     out.time[i] = on_grid(out.time[i], steps_.time);
@@ -273,27 +338,48 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set) const {
   return out;
 }
 
-std::vector<Integers> Quantiser::quantise(const Gaussians4D& part,
+std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, double importance,
                                           std::vector<std::uint32_t>& order) const {
+  const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
+  const double coarser =
+      coarser_ + std::clamp(kImportancePower * std::log2(ratio), -kMostOctaves, kMostOctaves);
+  const auto exponent = [coarser](double step) {
+    return static_cast<int>(std::lround(step + coarser));
+  };
   std::vector<Integers> out;
-  out.push_back(position(part, steps_.position, order));
+  out.push_back(position(part, exponent(steps_.position), order));
   const Gaussians4D sorted = part.gather(order);
   out.push_back(linear(sorted, Attribute::kTime, steps_.time));
   out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
-  out.push_back(displacement(sorted, steps_.displacement, frames_));
-  out.push_back(linear(sorted, Attribute::kLogScale, steps_.log_scale));
-  out.push_back(rotation(sorted, steps_.rotation));
+  out.push_back(displacement(sorted, exponent(steps_.displacement), frames_));
+  out.push_back(linear(sorted, Attribute::kLogScale, exponent(steps_.log_scale)));
+  out.push_back(
+      rotation(sorted, decoded_log_scales(out.back()),
+               std::clamp(exponent(steps_.rotation), kFinestRotation, kCoarsestRotation)));
   out.push_back(linear(sorted, Attribute::kOpacity, steps_.opacity));
   for (int band = 0; band <= part.sh_degree; ++band) {
     const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
-    out.push_back(colour(sorted, attribute, steps_.sh[band]));
+    out.push_back(colour(sorted, attribute, exponent(steps_.sh[band])));
   }
   return out;
 }
 
 float Quantiser::position_step() const {
-  return std::ldexp(1.0f, std::max(steps_.position, coarsest_position_));
+  const double coarsest = std::ceil(steps_.position + coarser_ + kMostOctaves);
+  return std::ldexp(1.0f, std::max(static_cast<int>(coarsest), coarsest_position_));
+}
+
+std::vector<float> importance_by_size(const Gaussians4D& set, std::uint32_t frames) {
+  std::vector<float> out(set.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const float* s = set.log_scale.data() + 3 * i;
+    const float area = std::exp(s[0] + s[1] + s[2] - std::min({s[0], s[1], s[2]}));
+    const float opacity = math::opacity_of(set.opacity_logit[i]);
+    const float span = set.radius[i] + set.sigma[i];
+    out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(frames));
+  }
+  return out;
 }
 
 }  // namespace stgs

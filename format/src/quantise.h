@@ -3,44 +3,55 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "segmenter.h"
 #include "stgs/format/gaussian4d.h"
 #include "stream.h"
 
 namespace stgs {
 
-// Exponents of the steps, 2^e of the attribute's unit; for sigma and radius the mantissa bits that
-// are dropped.
+// log2 of the steps for primitives of mean importance, in the attribute's unit. Time, sigma, radius
+// (mantissa bits that are dropped) and opacity have one step in a whole file, hence integers.
 struct Steps {
-  int position = 0;      // scene units
-  int displacement = 0;  // scene units over the lifespan
-  int time = 0;          // ticks
+  double position = 0;      // scene units
+  double displacement = 0;  // scene units over the lifespan
+  double log_scale = 0;
+  double rotation = 0;
+  double sh[4] = {0, 0, 0, 0};
+  int time = 0;  // ticks
   int lifespan_shift = 0;
-  int log_scale = 0;
-  int rotation = 0;
   int opacity = 0;  // of the logit
-  int sh[4] = {0, 0, 0, 0};
 };
 
 class Quantiser {
  public:
-  // Chooses the steps for a whole set; quality 0..100.
-  Quantiser(const Gaussians4D& set, std::uint32_t frames, int quality);
+  // Chooses the steps for a whole set; quality 0..100. `importance` (N): how much each primitive
+  // adds to pictures, see Scene::importance.
+  Quantiser(const Gaussians4D& set, std::span<const float> importance, std::uint32_t frames,
+            int quality);
 
-  // The set with time, sigma, radius and opacity as a decoder will see them.
-  Gaussians4D snap_lifespans(const Gaussians4D& set) const;
+  // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
+  // its interval and stands still there gets one constant lifespan, which costs next to nothing.
+  Gaussians4D snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts) const;
   // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
-  // set to the indices in that order.
-  std::vector<Integers> quantise(const Gaussians4D& part, std::vector<std::uint32_t>& order) const;
+  // set to the indices in that order. `importance` is their mean: the less, the coarser.
+  std::vector<Integers> quantise(const Gaussians4D& part, double importance,
+                                 std::vector<std::uint32_t>& order) const;
   // Largest step of a position, scene units.
   float position_step() const;
-  const Steps& steps() const { return steps_; }
 
  private:
   Steps steps_;
+  double coarser_ = 0;         // octaves, of the quality
+  double importance_ = 0;      // mean over the set
   int coarsest_position_ = 0;  // exponent that the whole set's extent needs
   std::uint32_t frames_;
 };
+
+// What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area
+// that the primitive covers times the share of the time.
+std::vector<float> importance_by_size(const Gaussians4D& set, std::uint32_t frames);
 
 }  // namespace stgs

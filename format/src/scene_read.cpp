@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 
+#include "bytes.h"
 #include "segment.h"
 #include "stgs/format/parallel.h"
 #include "values.h"
@@ -12,10 +14,12 @@ namespace {
 
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
-  for (const IndexEntry& entry : head.index.entries) {
-    const Interval interval = interval_of(head, entry);
-    out.push_back({entry.level, interval.begin, interval.end, entry.primitives, entry.offset,
-                   entry.bytes, entry.part});
+  for (const SegmentEntry& segment : head.index.segments) {
+    const IndexEntry &base = segment.base, &harmonics = segment.harmonics;
+    const Interval interval = interval_of(head, segment);
+    out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
+                   base.bytes, segment.part, tier_of(base.layer), harmonics.offset,
+                   harmonics.bytes});
   }
   return out;
 }
@@ -23,7 +27,9 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
 std::vector<ScenePart> parts_from(const FileHead& head) {
   std::vector<ScenePart> out;
   for (const PartEntry& part : head.parts) out.push_back({part.begin, part.end, 0});
-  for (const IndexEntry& entry : head.index.entries) out[entry.part].primitives += entry.primitives;
+  for (const SegmentEntry& segment : head.index.segments) {
+    out[segment.part].primitives += segment.base.primitives;
+  }
   return out;
 }
 
@@ -72,19 +78,19 @@ class Reader final : public SceneReader {
     return out;
   }
 
-  Result<Gaussians4D> decode(std::uint32_t segment) const override {
+  Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const override {
     if (segment >= segments_.size()) {
       return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
                          segments_.size());
     }
     try {
       Findings findings;
-      std::vector<LocatedStream> streams;
-      std::vector<std::uint8_t> record;
+      SegmentRecords records;
       Gaussians4D set;
-      if (read_segment(*source_, head_, segment, streams, record, findings) && findings.ok() &&
-          decode_streams(streams, segment, segments_[segment].primitives, head_.metadata, set,
-                         findings)) {
+      if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
+          findings.ok() &&
+          decode_streams(records.streams, segment, segments_[segment].primitives, head_.metadata,
+                         set, findings)) {
         check_primitives(set, segment, segments_[segment].offset, findings);
       }
       if (!findings.ok()) return findings.status(source_->name());
@@ -94,7 +100,62 @@ class Reader final : public SceneReader {
     }
   }
 
+  // Behind the last segment, where a lossless scene may have it (spec 5.11).
+  Result<std::vector<float>> importance() const override {
+    std::uint64_t at = head_.header.head_bytes;
+    for (const SegmentEntry& segment : head_.index.segments) {
+      for (const IndexEntry* entry : {&segment.base, &segment.harmonics}) {
+        at = std::max(at, entry->offset + entry->bytes);
+      }
+    }
+    Findings findings;
+    std::vector<float> values;
+    while (at < head_.header.file_bytes && findings.ok()) {
+      const std::optional<RecordHeader> record = read_header(at, findings);
+      if (!record) break;
+      if (record->tag == kImportanceTag && record->flags == 0) {
+        read_values(at, *record, values, findings);
+        break;
+      }
+      at += kRecordHeaderBytes + record->length;
+    }
+    if (!findings.ok()) return findings.status(source_->name());
+    return values;
+  }
+
  private:
+  std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
+    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head_.header.file_bytes - at));
+    if (Status status = source_->read(at, bytes); !status.ok()) {
+      findings.failed_read(at, status);
+      return {};
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, at, head_.header.file_bytes, record, findings)) return {};
+    return record;
+  }
+
+  void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
+                   Findings& findings) const {
+    if (record.length != 4 * primitives()) {
+      findings.error(IssueNumber::kImportance, at, "importances in {} bytes, not of {} primitives",
+                     record.length, primitives());
+      return;
+    }
+    std::vector<std::uint8_t> bytes(record.length);
+    if (Status status = source_->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    if (!check_payload(record, bytes, at + kRecordHeaderBytes, findings)) return;
+    ByteReader in(bytes);
+    values.resize(primitives());
+    for (float& value : values) {
+      value = in.f32();
+      if (value >= 0.0f && std::isfinite(value)) continue;
+      return findings.error(IssueNumber::kImportance, at, "an importance of {}", value);
+    }
+  }
+
   std::unique_ptr<ByteSource> source_;
   FileHead head_;
   std::vector<SegmentInfo> segments_;
@@ -185,6 +246,7 @@ Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& l
     const ScenePart whole = {0, static_cast<double>(scene.metadata.frames), reader->primitives()};
     if (reader->parts() != std::vector<ScenePart>{whole}) scene.parts = reader->parts();
     STGS_TRY(read_all(*reader, scene.gaussians));
+    STGS_ASSIGN(scene.importance, reader->importance());
     return scene;
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", path, e.what());

@@ -15,9 +15,9 @@ constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
 
 void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
                   Findings& findings) {
-  const IndexEntry& entry = head.index.entries[segment];
+  const SegmentEntry& entry = head.index.segments[segment];
   const SceneMetadata& scene = head.metadata.scene;
-  const std::uint64_t at = entry.offset;
+  const std::uint64_t at = entry.base.offset;
   const std::size_t n = set.size();
   check_primitives(set, segment, at, findings);
   const Interval interval = interval_of(head, entry);
@@ -58,34 +58,42 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
       return findings.failed_read(at, status);
     }
     check_payload(record, bytes, at + kRecordHeaderBytes, findings);
-    const bool base_layer = bytes.size() >= 4 && bytes[2] == 0 && bytes[3] == 0;  // spec 5.7, 6.1
-    if (segment && base_layer) {
+    // spec 5.7, 6.1: what a later version adds need not be known here.
+    if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kHarmonics)) {
       findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
     }
     at += kRecordHeaderBytes + record.length;
   }
 }
 
-void check_segments(const ByteSource& source, const FileHead& head, Findings& findings) {
-  std::vector<std::uint64_t> bytes(attributes_of(3).size() + 1, 0);
+// What no record of the index covers, and the index's records in between.
+void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
-  bool all_parsed = true;
-  for (std::uint32_t i = 0; i < head.index.entries.size(); ++i) {
-    const IndexEntry& entry = head.index.entries[i];
-    walk_unlisted(source, at, std::min(entry.offset, source.size()), findings);
-    at = entry.offset + entry.bytes;
-    std::vector<LocatedStream> streams;
-    std::vector<std::uint8_t> record;
-    Gaussians4D set;
-    const bool parsed = read_segment(source, head, i, streams, record, findings);
-    all_parsed &= parsed;
-    for (const LocatedStream& stream : streams) bytes[stream.entry.attribute] += stream.entry.bytes;
-    if (parsed && decode_streams(streams, i, entry.primitives, head.metadata, set, findings)) {
-      check_values(set, head, i, findings);
-    }
+  for (const IndexEntry* record : records_of(head.index.segments)) {
+    walk_unlisted(source, at, std::min(record->offset, source.size()), findings);
+    at = record->offset + record->bytes;
   }
   // A file that is longer or shorter than it says has been reported.
   walk_unlisted(source, at, std::min(head.header.file_bytes, source.size()), findings);
+}
+
+void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
+  std::vector<std::uint64_t> bytes(attributes_of(3).size() + 1, 0);
+  bool all_parsed = true;
+  for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
+    SegmentRecords records;
+    Gaussians4D set;
+    const bool parsed = read_segment(source, head, i, true, records, findings);
+    all_parsed &= parsed;
+    for (const LocatedStream& stream : records.streams) {
+      bytes[stream.entry.attribute] += stream.entry.bytes;
+    }
+    if (parsed && decode_streams(records.streams, i, head.index.segments[i].base.primitives,
+                                 head.metadata, set, findings)) {
+      check_values(set, head, i, findings);
+    }
+  }
+  walk_body(source, head, findings);
   if (!all_parsed) return;  // the totals need every table
   for (const AttributeBytes& row : head.index.attributes) {
     const bool known = row.attribute > 0 && row.attribute < bytes.size();

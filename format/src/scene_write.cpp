@@ -14,6 +14,10 @@
 namespace stgs {
 namespace {
 
+constexpr std::size_t kLeastTier =
+    512;  // primitives: fewer would cost more in tables than they gain
+constexpr int kMostTiers = 16;
+
 Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
   if (metadata.time_base.numerator == 0 || metadata.time_base.denominator == 0 ||
       metadata.frames == 0) {
@@ -23,6 +27,9 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
   }
   if (settings.quality < 0 || settings.quality > 100) {
     return usage_error("quality {} is not in 0..100", settings.quality);
+  }
+  if (settings.tiers < 1 || settings.tiers > kMostTiers) {
+    return usage_error("{} tiers, not 1 to {}", settings.tiers, kMostTiers);
   }
   if (settings.zstd_level < 1 || settings.zstd_level > 19) {
     return usage_error("zstd level {} is not in 1..19", settings.zstd_level);
@@ -35,7 +42,8 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
   return {};
 }
 
-Status check_sizes(const Gaussians4D& set) {
+Status check_sizes(const Scene& scene) {
+  const Gaussians4D& set = scene.gaussians;
   if (set.sh_degree < 0 || set.sh_degree > 3) {
     return usage_error("harmonics of degree {}, not 0 to 3", set.sh_degree);
   }
@@ -45,6 +53,10 @@ Status check_sizes(const Gaussians4D& set) {
                     set.rotation.size() == 4 * n && set.sh.size() == sh && set.time.size() == n &&
                     set.velocity.size() == 3 * n && set.sigma.size() == n && set.radius.size() == n;
   if (!good) return usage_error("the arrays of a set of {} primitives differ in length", n);
+  if (!scene.importance.empty() && scene.importance.size() != n) {
+    return usage_error("importances of {} primitives, the scene has {}", scene.importance.size(),
+                       n);
+  }
   if (n > 0xFFFFFFFF) return usage_error("{} primitives, more than a file's 2^32 - 1", n);
   return {};
 }
@@ -72,7 +84,13 @@ Status check_parts(const Scene& scene) {
   return {};
 }
 
-Status check_values(const Gaussians4D& set) {
+Status check_values(const Scene& scene) {
+  const Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < scene.importance.size(); ++i) {
+    if (scene.importance[i] >= 0.0f && std::isfinite(scene.importance[i])) continue;
+    return usage_error("importance of primitive {} is {}, not a number >= 0", i,
+                       scene.importance[i]);
+  }
   for (Attribute attribute : attributes_of(set.sh_degree)) {
     const AttributeView<const float> view = view_of(set, attribute);
     const auto components = static_cast<std::size_t>(components_of(attribute));
@@ -146,7 +164,8 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
 struct Body {
   FileIndex index;
   std::vector<PartEntry> parts;
-  std::vector<std::vector<std::uint8_t>> records;
+  std::vector<std::vector<std::uint8_t>> bases, harmonics;  // records, by segment
+  std::vector<std::uint8_t> importance;                     // record, or empty
   std::vector<std::uint32_t> order;  // index in the scene of each primitive of the file
 };
 
@@ -165,46 +184,110 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
   return ranges;
 }
 
-Body encode_body(const Gaussians4D& set, const std::vector<PartRange>& parts,
-                 const std::optional<Quantiser>& quantiser, double chunk_ticks,
-                 std::uint32_t frames, int zstd_level) {
-  std::vector<SegmentMembers> segments;
-  Body body;
-  for (const PartRange& part : parts) {
-    const std::vector<SegmentMembers> more =
-        segments_of(set, part, chunk_ticks, frames, !quantiser.has_value());
-    segments.insert(segments.end(), more.begin(), more.end());
-    body.parts.push_back(
-        {part.interval.begin, part.interval.end, static_cast<std::uint32_t>(more.size())});
+// The members of a segment as so many tiers of like size, those of most importance first; fewer
+// where tiers would be small.
+std::vector<SegmentMembers> tiers_of(SegmentMembers segment, std::span<const float> importance,
+                                     int tiers) {
+  const std::size_t n = segment.members.size();
+  const auto count = std::clamp<std::size_t>(n / kLeastTier, 1, static_cast<std::size_t>(tiers));
+  if (count == 1) return {std::move(segment)};
+  std::stable_sort(segment.members.begin(), segment.members.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return importance[a] > importance[b]; });
+  std::vector<SegmentMembers> out(count);
+  for (std::size_t t = 0; t < count; ++t) {
+    const auto at = [&](std::size_t k) {
+      return segment.members.begin() + static_cast<std::ptrdiff_t>(k * n / count);
+    };
+    out[t] = {segment.place, {at(t), at(t + 1)}};
+    std::sort(out[t].members.begin(), out[t].members.end());
   }
-  body.index.chunk_ticks = chunk_ticks;
-  body.index.entries.resize(segments.size());
-  body.records.resize(segments.size());
+  return out;
+}
+
+double mean_importance(const std::vector<std::uint32_t>& members,
+                       std::span<const float> importance) {
+  double sum = 0.0;
+  for (const std::uint32_t i : members) sum += importance[i];
+  return sum / static_cast<double>(members.size());
+}
+
+// How a scene is written, and what of.
+struct Encoding {
+  const Gaussians4D* set = nullptr;
+  std::span<const float> importance;  // empty: lossless, one tier
+  const Quantiser* quantiser = nullptr;
+  double chunk_ticks = 0;
+  std::uint32_t frames = 0;
+  int tiers = 1, zstd_level = 9;
+};
+
+// All segments of all parts, tier after tier, and the parts' rows.
+std::vector<SegmentMembers> cut(const Encoding& encoding, const std::vector<PartRange>& parts,
+                                Body& body) {
+  std::vector<SegmentMembers> segments;
+  for (std::uint32_t p = 0; p < parts.size(); ++p) {
+    std::uint32_t count = 0;
+    for (SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
+                                             encoding.frames, encoding.quantiser == nullptr)) {
+      int tier = 0;
+      for (SegmentMembers& segment :
+           tiers_of(std::move(whole), encoding.importance, encoding.tiers)) {
+        SegmentEntry entry;
+        entry.part = p;
+        entry.base.level = segment.place.level;
+        entry.base.slot = segment.place.slot;
+        entry.base.layer = layer_of(Content::kPrimitives, tier++);
+        entry.base.primitives = static_cast<std::uint32_t>(segment.members.size());
+        body.index.segments.push_back(entry);
+        segments.push_back(std::move(segment));
+        ++count;
+      }
+    }
+    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, count});
+  }
+  return segments;
+}
+
+// The integers of a segment; its members take the order that they are stored in.
+std::vector<Integers> integers_of(const Encoding& encoding, std::vector<std::uint32_t>& members) {
+  const Gaussians4D part = encoding.set->gather(members);
+  if (encoding.quantiser == nullptr) return lossless_integers(part);
+  std::vector<std::uint32_t> order;
+  std::vector<Integers> integers =
+      encoding.quantiser->quantise(part, mean_importance(members, encoding.importance), order);
+  for (std::uint32_t& i : order) i = members[i];
+  members = std::move(order);
+  return integers;
+}
+
+Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts) {
+  Body body;
+  std::vector<SegmentMembers> segments = cut(encoding, parts, body);
+  body.index.chunk_ticks = encoding.chunk_ticks;
+  body.bases.resize(segments.size());
+  body.harmonics.resize(segments.size());
+  const std::size_t apart = attributes_of(0).size();
   std::vector<std::vector<std::uint64_t>> bytes(segments.size());
   parallel_for(std::size_t{0}, segments.size(), [&](std::size_t s) {
-    const Gaussians4D part = set.gather(segments[s].members);
-    std::vector<std::uint32_t>& members = segments[s].members;
-    std::vector<Integers> integers;
-    if (quantiser) {
-      std::vector<std::uint32_t> order;
-      integers = quantiser->quantise(part, order);
-      for (std::uint32_t& i : order) i = members[i];
-      members = std::move(order);
-    } else {
-      integers = lossless_integers(part);
-    }
+    const std::vector<Integers> integers = integers_of(encoding, segments[s].members);
     std::vector<EncodedStream> streams(integers.size());
-    parallel_for(std::size_t{0}, integers.size(),
-                 [&](std::size_t i) { streams[i] = encode_stream(integers[i], zstd_level); });
+    parallel_for(std::size_t{0}, integers.size(), [&](std::size_t i) {
+      streams[i] = encode_stream(integers[i], encoding.zstd_level);
+    });
     for (const EncodedStream& stream : streams) bytes[s].push_back(stream.bytes.size());
-    IndexEntry& entry = body.index.entries[s];
-    entry.level = segments[s].place.level;
-    entry.slot = segments[s].place.slot;
-    entry.primitives = static_cast<std::uint32_t>(part.size());
-    body.records[s] = write_record(kSegmentTag, write_segment(entry, streams));
-    entry.bytes = body.records[s].size();
+    SegmentEntry& entry = body.index.segments[s];
+    const bool split = encoding.quantiser != nullptr && streams.size() > apart;
+    const std::span<const EncodedStream> all(streams), base = split ? all.first(apart) : all;
+    body.bases[s] = write_record(kSegmentTag, write_segment(entry.base, base));
+    entry.base.bytes = body.bases[s].size();
+    if (!split) return;
+    entry.harmonics = entry.base;
+    entry.harmonics.layer = layer_of(Content::kHarmonics, tier_of(entry.base.layer));
+    body.harmonics[s] =
+        write_record(kSegmentTag, write_segment(entry.harmonics, all.subspan(apart)));
+    entry.harmonics.bytes = body.harmonics[s].size();
   });
-  for (Attribute attribute : attributes_of(set.sh_degree)) {
+  for (Attribute attribute : attributes_of(encoding.set->sh_degree)) {
     AttributeBytes total{static_cast<std::uint16_t>(attribute), 0};
     for (const auto& segment : bytes) total.bytes += segment[body.index.attributes.size()];
     body.index.attributes.push_back(total);
@@ -228,23 +311,32 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
                         body.parts[0].end < metadata.scene.frames;
   if (window) add(kWindowTag, write_window(*window), 0);
   if (in_parts) add(kPartsTag, write_parts(body.parts), kCritical);
+  const std::vector<IndexEntry*> records = records_of(body.index.segments);
   FileHeader header;
-  header.minor = window || in_parts ? 2 : 1;  // spec 2.5
+  const bool quantised = metadata.profile == Profile::kQuantised;  // tiers, harmonics apart
+  header.minor = quantised ? 3 : window || in_parts ? 2 : 1;  // spec 2.5
   header.head_bytes = kHeaderBytes + meta.size() + kRecordHeaderBytes +
-                      index_bytes(body.index.entries.size(), body.index.attributes.size());
+                      index_bytes(records.size(), body.index.attributes.size());
   header.file_bytes = header.head_bytes;
-  for (IndexEntry& entry : body.index.entries) {
-    entry.offset = header.file_bytes;
-    header.file_bytes += entry.bytes;
+  for (IndexEntry* record : records) {
+    record->offset = header.file_bytes;
+    header.file_bytes += record->bytes;
   }
+  const std::uint64_t segments_end = header.file_bytes;
+  header.file_bytes += body.importance.size();
   std::vector<std::uint8_t> out = write_header(header);
-  out.reserve(header.file_bytes);
-  const auto append = [&out](const std::vector<std::uint8_t>& bytes) {
-    out.insert(out.end(), bytes.begin(), bytes.end());
+  out.insert(out.end(), meta.begin(), meta.end());
+  const std::vector<std::uint8_t> index = write_record(kIndexTag, write_index(body.index));
+  out.insert(out.end(), index.begin(), index.end());
+  out.resize(header.file_bytes);
+  const auto place_at = [&out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
+    std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
   };
-  append(meta);
-  append(write_record(kIndexTag, write_index(body.index)));
-  for (const auto& record : body.records) append(record);
+  for (std::size_t s = 0; s < body.index.segments.size(); ++s) {
+    place_at(body.bases[s], body.index.segments[s].base.offset);
+    place_at(body.harmonics[s], body.index.segments[s].harmonics.offset);
+  }
+  place_at(body.importance, segments_end);
   return out;
 }
 
@@ -253,24 +345,38 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
 Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
                                                std::vector<std::uint32_t>* order) {
   STGS_TRY(check_settings(scene.metadata, settings));
-  STGS_TRY(check_sizes(scene.gaussians));
-  STGS_TRY(check_values(scene.gaussians));
+  STGS_TRY(check_sizes(scene));
+  STGS_TRY(check_values(scene));
   STGS_TRY(check_parts(scene));
   try {
     FileMetadata metadata{scene.metadata, settings.profile, scene.gaussians.sh_degree};
     const double chunk_ticks = scene.metadata.time_base.ticks(settings.chunk_seconds);
+    const std::vector<PartRange> parts = ranges_of(scene);
     std::optional<Quantiser> quantiser;
-    if (settings.profile == Profile::kQuantised) {
-      quantiser.emplace(scene.gaussians, scene.metadata.frames, settings.quality);
-    }
-    // Segments follow from what a decoder will see.
+    std::vector<float> importance;
     Gaussians4D snapped;
-    if (quantiser) snapped = quantiser->snap_lifespans(scene.gaussians);
-    const Gaussians4D& set = quantiser ? snapped : scene.gaussians;
-    set_bounds(set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
+    Encoding encoding{&scene.gaussians,   {}, nullptr, chunk_ticks, scene.metadata.frames, 1,
+                      settings.zstd_level};
+    if (settings.profile == Profile::kQuantised) {
+      importance = scene.importance.empty()
+                       ? importance_by_size(scene.gaussians, scene.metadata.frames)
+                       : scene.importance;
+      quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality);
+      // Segments follow from what a decoder will see.
+      snapped = quantiser->snap_lifespans(scene.gaussians, parts);
+      encoding.set = &snapped;
+      encoding.importance = importance;
+      encoding.quantiser = &*quantiser;
+      encoding.tiers = settings.tiers;
+    }
+    set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
     STGS_TRY(check_metadata(metadata));
-    Body body = encode_body(set, ranges_of(scene), quantiser, chunk_ticks, scene.metadata.frames,
-                            settings.zstd_level);
+    Body body = encode_body(encoding, parts);
+    // For whoever packs it; what is packed needs it no more.
+    if (!quantiser && !scene.importance.empty()) {
+      body.importance =
+          write_record(kImportanceTag, write_importance(scene.importance, body.order), 0);
+    }
     if (order != nullptr) *order = std::move(body.order);
     return assemble(metadata, body);
   } catch (const std::exception& e) {

@@ -23,8 +23,8 @@ struct LocatedStream {
   std::span<const std::uint8_t> stored;
 };
 
-// Checks the table of segment `ordinal` against its index entry; `offset` is the payload's place in
-// the file. Streams that may be skipped are left out.
+// Checks the table of a record against its index row; `offset` is the payload's place in the file,
+// `ordinal` the segment's number for messages. Streams that may be skipped are left out.
 bool parse_segment(std::span<const std::uint8_t> payload, std::uint64_t offset,
                    std::uint32_t ordinal, const IndexEntry& expected, const FileMetadata& metadata,
                    std::vector<LocatedStream>& streams, Findings& findings);
@@ -34,9 +34,14 @@ bool decode_streams(std::span<const LocatedStream> streams, std::uint32_t ordina
                     std::uint32_t primitives, const FileMetadata& metadata, Gaussians4D& set,
                     Findings& findings);
 
-// Reads, checks and decodes segment `ordinal` of a file.
+// A segment's stored bytes and the streams in them.
+struct SegmentRecords {
+  std::vector<std::uint8_t> base, harmonics;
+  std::vector<LocatedStream> streams;  // in the order of their attributes
+};
+// Reads and checks the records of segment `ordinal` of a file; its harmonics above degree 0 only
+// where they are asked for or are no record of their own.
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                  std::vector<LocatedStream>& streams, std::vector<std::uint8_t>& record,
-                  Findings& findings);
+                  bool with_harmonics, SegmentRecords& records, Findings& findings);
 
 }  // namespace stgs

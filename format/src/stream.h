@@ -15,12 +15,13 @@ namespace stgs {
 
 // What an integer q means (spec 7.5). A new meaning is a new number.
 enum class Mapping : std::uint8_t {
-  kFloat = 0,         // the bits of a float32
-  kLinear = 1,        // origin[c mod 3] + 2^exponent q
-  kTruncated = 2,     // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
-  kDisplacement = 3,  // 2^(exponent - log2 of the lifespan) q
-  kRotation = 4,      // vector part of a unit quaternion in units of 2^exponent
-  kColour = 5,        // 2^exponent times the channels of luma and two chroma integers
+  kFloat = 0,           // the bits of a float32
+  kLinear = 1,          // origin[c mod 3] + 2^exponent q
+  kTruncated = 2,       // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
+  kDisplacement = 3,    // 2^(exponent - log2 of the lifespan) q
+  kRotation = 4,        // vector part of a unit quaternion in units of 2^exponent
+  kColour = 5,          // 2^exponent times the channels of luma and two chroma integers
+  kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
 };
 // How q follows from the values v of the planes (spec 7.4).
 enum class Prediction : std::uint8_t {
@@ -33,6 +34,8 @@ enum class Coder : std::uint8_t { kStored = 0, kZstd = 1 };
 
 inline constexpr std::size_t kStreamEntryBytes = 37;
 inline constexpr int kMortonBits = 21;  // an axis
+// Exponents of a rotation's step.
+inline constexpr int kFinestRotation = -12, kCoarsestRotation = -1;
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1}
                                             << 24;  // |q| below it is exact in float32
 
@@ -88,6 +91,9 @@ bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> store
 bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
                 std::uint32_t frames, StreamPlace place, Gaussians4D& set, Findings& findings);
 
+// What a primitive of these log-scales adds to the exponent of its rotation (spec 7.5.7): a turn of
+// what is nearly round is hard to see.
+int rotation_shift(const float* log_scale);
 // floor(log2) of the lifespan that scales a displacement (spec 7.5.4).
 int lifespan_exponent(float sigma, float radius, std::uint32_t frames);
 

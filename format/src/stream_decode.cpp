@@ -116,13 +116,17 @@ bool map_displacement(const StreamEntry& entry, int component, const std::uint32
 }
 
 // w from the unit length; exact but for the square root, which rounds correctly (spec 7.5.5).
+// `log_scale` of the block's first primitive makes the exponent each one's own (spec 7.5.7); null:
+// it is the entry's.
 bool map_rotation(const StreamEntry& entry, const std::array<Block, 3>& q, std::size_t count,
-                  Output out) {
-  const float step = power_of_two(entry.exponent);
-  const std::int64_t unit = std::int64_t{1} << (-2 * entry.exponent);
+                  const float* log_scale, Output out) {
   bool good = true;
   for (std::size_t i = 0; i < count; ++i) {
-    std::int64_t rest = unit;
+    int exponent = entry.exponent;
+    if (log_scale != nullptr) exponent += rotation_shift(log_scale + 3 * i);
+    exponent = std::clamp(exponent, kFinestRotation, kCoarsestRotation);
+    const float step = power_of_two(exponent);
+    std::int64_t rest = std::int64_t{1} << (-2 * exponent);
     float* to = out.to + i * out.stride;
     for (std::size_t c = 0; c < 3; ++c) {
       const auto integer = static_cast<std::int32_t>(q[c][i]);
@@ -175,6 +179,11 @@ bool map_morton(const StreamEntry& entry, const std::uint8_t* planes, std::size_
   return overflow >> 63 == 0;
 }
 
+// Of primitive `first` on, where the mapping wants them.
+const float* log_scale_of(Mapping mapping, const Gaussians4D& set, std::size_t first) {
+  return mapping == Mapping::kShapedRotation ? set.log_scale.data() + 3 * first : nullptr;
+}
+
 // Rows that this version may write: attribute by mapping (spec 7.5).
 bool mapping_fits(const StreamEntry& entry) {
   const auto attribute = static_cast<Attribute>(entry.attribute);
@@ -192,7 +201,9 @@ bool mapping_fits(const StreamEntry& entry) {
     case Mapping::kColour:
       return attribute >= Attribute::kSh0;
     case Mapping::kRotation:
-      return attribute == Attribute::kRotation && entry.exponent <= -4 && entry.exponent >= -12;
+    case Mapping::kShapedRotation:
+      return attribute == Attribute::kRotation && entry.exponent <= kCoarsestRotation &&
+             entry.exponent >= kFinestRotation;
   }
   return false;
 }
@@ -234,6 +245,14 @@ bool padding_is_zero(const StreamEntry& entry, std::span<const std::uint8_t> pla
 
 }  // namespace
 
+int rotation_shift(const float* log_scale) {
+  const auto [least, most] = std::minmax({log_scale[0], log_scale[1], log_scale[2]});
+  const float length = most - least;
+  int shift = 3;
+  for (const float limit : {0.125f, 0.5f, 1.25f, 2.375f, 3.75f, 5.0f}) shift -= length >= limit;
+  return shift;
+}
+
 int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
   const float lifespan = std::min(radius + 2.0f * sigma, static_cast<float>(frames));
   return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
@@ -242,7 +261,8 @@ int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
 bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings) {
   const auto attribute = static_cast<Attribute>(entry.attribute);
   const char* name = name_of(attribute);
-  if (entry.mapping > 5 || entry.prediction > 3 || entry.coder > 1) {
+  if (entry.mapping > static_cast<int>(Mapping::kShapedRotation) || entry.prediction > 3 ||
+      entry.coder > 1) {
     findings.unsupported(N::kStreamUnsupported, place.offset,
                          "segment {}, {}: mapping {}, prediction {}, coder {}: one of them is "
                          "unknown to this version",
@@ -251,7 +271,8 @@ bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings
   }
   const auto prediction = static_cast<Prediction>(entry.prediction);
   const bool morton = prediction == Prediction::kMorton;
-  const bool rotation = static_cast<Mapping>(entry.mapping) == Mapping::kRotation;
+  const bool rotation = static_cast<Mapping>(entry.mapping) == Mapping::kRotation ||
+                        static_cast<Mapping>(entry.mapping) == Mapping::kShapedRotation;
   const bool position =
       attribute == Attribute::kPosition && static_cast<Mapping>(entry.mapping) == Mapping::kLinear;
   const int components = morton ? 1 : rotation ? 3 : components_of(attribute);
@@ -327,7 +348,8 @@ bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
   } else {
     std::array<std::uint32_t, 32> carry{};
     std::array<Block, 3> q;  // three components at a time where they belong together
-    const bool together = mapping == Mapping::kRotation || mapping == Mapping::kColour;
+    const bool together = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation ||
+                          mapping == Mapping::kColour;
     const std::size_t component_bytes = plane_bytes(n, entry.digit_bits) * entry.digits;
     for (std::size_t first = 0; first < n; first += kBlock) {
       const std::size_t count = std::min(kBlock, n - first);
@@ -352,8 +374,10 @@ bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
                                      set.radius.data() + first, frames, out);
             break;
           case Mapping::kRotation:
+          case Mapping::kShapedRotation:
             good &= excess(block, count) == 0;
-            if (c == 2) good &= map_rotation(entry, q, count, out);
+            if (c == 2)
+              good &= map_rotation(entry, q, count, log_scale_of(mapping, set, first), out);
             break;
           case Mapping::kColour:
             good &= excess(block, count) == 0;

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "scene_fixture.h"
+#include "stgs/format/math/blend.h"
 #include "stgs/format/raster.h"
 
 using namespace stgs;
@@ -77,12 +78,13 @@ TEST_CASE("pack reports the errors of the file that it wrote") {
   CHECK(report.bytes_out == std::filesystem::file_size(out));
   CHECK(report.bytes_out * 4 < report.bytes_in);
   CHECK(report.bytes_per_primitive == Approx(double(report.bytes_out) / double(report.primitives)));
-  // Half a step of 2^-10 an axis, in a scene of 4 units whose small primitives measure 0.02.
+  // A scene of 4 units whose small primitives measure 0.02: half a step is an eighth of that where
+  // a primitive matters little.
   CHECK(report.position_max > 0.0);
-  CHECK(report.position_max < 2e-3);
+  CHECK(report.position_max < 1e-2);
   CHECK(report.position_rms < report.position_max);
-  CHECK(report.colour_rms < 2.0 / 255.0);
-  CHECK(report.opacity_max < 0.02);
+  CHECK(report.colour_rms < 4.0 / 255.0);
+  CHECK(report.opacity_max < 0.04);  // half a step of 2^-2 of the logit
   const auto read = SceneReader::open(out);
   REQUIRE(read.ok());
   CHECK((*read)->profile() == Profile::kQuantised);
@@ -126,7 +128,8 @@ TEST_CASE("what stands still is exactly still after packing") {
 
 TEST_CASE("the quantised profile draws what the lossless one draws") {
   const Scene scene = random_scene(20000, 3, 60, 11);
-  CHECK(psnr(scene.gaussians, quantised(scene, 85), 60) >= 45.0);
+  CHECK(psnr(scene.gaussians, quantised(scene, 85), 60) >= 38.0);
+  CHECK(psnr(scene.gaussians, quantised(scene, 95), 60) >= 45.0);
 }
 
 TEST_CASE("more quality is more bytes and a better picture") {
@@ -142,4 +145,80 @@ TEST_CASE("more quality is more bytes and a better picture") {
     last_bytes = bytes;
     last_psnr = db;
   }
+}
+
+TEST_CASE("what hardly changes and stands still costs next to no time") {
+  Scene scene = random_scene(4000, 0, 60, 15);
+  Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    set.time[i] = 30.0f + 0.001f * static_cast<float>(i);
+    set.sigma[i] = 900.0f + static_cast<float>(i);
+    set.radius[i] = 0.3f;
+  }
+  std::fill(set.velocity.begin(), set.velocity.end(), 0.0f);
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  const auto bytes = encode_scene(scene, settings);
+  REQUIRE(bytes.ok());
+  const auto reader = SceneReader::open(memory_source(*bytes));
+  REQUIRE(reader.ok());
+  std::uint64_t temporal = 0;
+  for (const StreamInfo& stream : (*reader)->streams()) {
+    if (stream.name != "time" && stream.name != "sigma" && stream.name != "radius") continue;
+    temporal += stream.bytes;
+  }
+  CHECK(temporal < 400);
+  CHECK(psnr(set, quantised(scene, 85), 60) >= 38.0);
+}
+
+TEST_CASE("first tiers and missing harmonics are pictures, each better than the one before") {
+  Scene scene = random_scene(6000, 2, 60, 16);
+  scene.importance.resize(6000);
+  for (std::size_t i = 0; i < 6000; ++i) {
+    const float opacity = math::opacity_of(scene.gaussians.opacity_logit[i]);
+    const float* s = &scene.gaussians.log_scale[3 * i];
+    scene.importance[i] = opacity * opacity * std::exp(s[0] + s[1]);
+  }
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.tiers = 3;
+  const auto bytes = encode_scene(scene, settings);
+  REQUIRE(bytes.ok());
+  const auto reader = SceneReader::open(memory_source(*bytes));
+  REQUIRE(reader.ok());
+  double last = 0.0;
+  for (const auto& [tiers, harmonics] : {std::pair{1, false}, {2, false}, {3, false}, {3, true}}) {
+    Gaussians4D drawn;
+    drawn.sh_degree = 2;
+    for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
+      if ((*reader)->segments()[s].tier >= tiers) continue;
+      const auto set = (*reader)->decode(s, harmonics);
+      REQUIRE(set.ok());
+      for (std::size_t i = 0; i < set->size(); ++i) drawn.append(*set, i);
+    }
+    const double db = psnr(scene.gaussians, drawn, 60);
+    INFO(tiers << " tiers, " << (harmonics ? "with" : "without") << " harmonics: " << db << " dB");
+    CHECK(db > last + 0.5);
+    last = db;
+  }
+}
+
+TEST_CASE("a lossless scene keeps its importances, each with its primitive") {
+  Scene scene = random_scene(500, 1, 60, 17);
+  for (std::size_t i = 0; i < 500; ++i) {
+    scene.importance.push_back(scene.gaussians.position[3 * i] + 10.0f);
+  }
+  const auto bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  const auto read = read_scene(memory_source(*bytes));
+  REQUIRE(read.ok());
+  REQUIRE(read->importance.size() == 500);
+  for (std::size_t i = 0; i < 500; ++i) {
+    CHECK(read->importance[i] == read->gaussians.position[3 * i] + 10.0f);
+  }
+  std::vector<std::uint8_t> damaged = *bytes;
+  damaged.back() ^= 1;
+  CHECK(read_scene(memory_source(damaged)).status().code() == StatusCode::kInvalidFile);
+  scene.importance[3] = -1.0f;
+  CHECK(encode_scene(scene, {}).status().code() == StatusCode::kUsage);
 }

@@ -179,7 +179,7 @@ TEST_CASE("a head of as many parts as segments is read in one walk over both") {
   std::uint64_t at =
       kHeaderBytes + meta.size() + parts.size() + kRecordHeaderBytes + index_bytes(kMany, 0);
   for (std::uint32_t i = 0; i < kMany; ++i, at += kRecordHeaderBytes) {
-    index.entries.push_back({-1, 0, 0, at, kRecordHeaderBytes, 1, 0});
+    index.segments.push_back({{-1, 0, 0, at, kRecordHeaderBytes, 1}, {}, 0});
   }
   Bytes file = file_of({meta, parts, write_record(kIndexTag, write_index(index))});
   FileHeader header;

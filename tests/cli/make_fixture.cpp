@@ -134,11 +134,11 @@ Status write_all(const std::string& folder) {
   STGS_TRY(write_models(folder));
   STGS_ASSIGN(const auto bytes, encode_scene(scene, settings));
   STGS_TRY(write_changed_head(bytes, folder + "/huge_count.stgs", [](FileHead& head) {
-    head.index.primitives += 0xFFFFFFFFull - head.index.entries[0].primitives;
-    head.index.entries[0].primitives = 0xFFFFFFFF;
+    head.index.primitives += 0xFFFFFFFFull - head.index.segments[0].base.primitives;
+    head.index.segments[0].base.primitives = 0xFFFFFFFF;
   }));
   STGS_TRY(write_changed_head(bytes, folder + "/huge_bytes.stgs", [](FileHead& head) {
-    head.index.entries[0].bytes = std::uint64_t{1} << 62;
+    head.index.segments[0].base.bytes = std::uint64_t{1} << 62;
   }));
   STGS_TRY(write_changed_head(bytes, folder + "/wrong_sum.stgs",
                               [](FileHead& head) { head.index.primitives += 1; }));

@@ -25,10 +25,53 @@ Json segments_json(const SceneReader& reader) {
                         {"begin_s", base.seconds(segment.begin_ticks)},
                         {"end_s", base.seconds(segment.end_ticks)},
                         {"primitives", segment.primitives},
+                        {"tier", segment.tier},
                         {"offset", segment.offset},
-                        {"bytes", segment.bytes}});
+                        {"bytes", segment.bytes},
+                        {"harmonics_offset", segment.harmonics_offset},
+                        {"harmonics_bytes", segment.harmonics_bytes}});
   }
   return segments;
+}
+
+// What one record of each segment adds to a picture, in the order in which they are worth fetching.
+struct Layer {
+  const char* content = "primitives";
+  int tier = 0;
+  std::uint64_t primitives = 0, bytes = 0;
+};
+
+std::vector<Layer> layers_of(const SceneReader& reader) {
+  std::vector<Layer> primitives, harmonics;
+  for (const SegmentInfo& segment : reader.segments()) {
+    for (int t = static_cast<int>(primitives.size()); t <= segment.tier; ++t) {
+      primitives.push_back({"primitives", t, 0, 0});
+      harmonics.push_back({"harmonics", t, 0, 0});
+    }
+    Layer& base = primitives[static_cast<std::size_t>(segment.tier)];
+    base.primitives += segment.primitives;
+    base.bytes += segment.bytes;
+    if (segment.harmonics_bytes == 0) continue;
+    Layer& detail = harmonics[static_cast<std::size_t>(segment.tier)];
+    detail.primitives += segment.primitives;
+    detail.bytes += segment.harmonics_bytes;
+  }
+  std::vector<Layer> layers = primitives;
+  for (const Layer& layer : harmonics) {
+    if (layer.bytes > 0) layers.push_back(layer);
+  }
+  return layers;
+}
+
+Json layers_json(const SceneReader& reader) {
+  Json layers = Json::array();
+  for (const Layer& layer : layers_of(reader)) {
+    layers.push_back({{"content", layer.content},
+                      {"tier", layer.tier},
+                      {"primitives", layer.primitives},
+                      {"bytes", layer.bytes}});
+  }
+  return layers;
 }
 
 Json to_json(const SceneReader& reader, const std::string& path) {
@@ -56,6 +99,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"window", nullptr},
                {"parts", Json::array()},
                {"segments", segments_json(reader)},
+               {"layers", layers_json(reader)},
                {"streams", Json::array()}};
   if (m.start_camera) json["start_camera"] = camera_json(*m.start_camera);
   if (m.window) {
@@ -105,13 +149,21 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);
   if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);
-  out += "\n  segment  level         from s        to s  primitives       bytes\n";
+  out +=
+      "\n  segment  level       tier      from s        to s  primitives       bytes   harmonics\n";
   for (std::size_t i = 0; i < reader.segments().size(); ++i) {
     const SegmentInfo& s = reader.segments()[i];
-    out += fmt::format("  {:>7}  {:>10}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}\n", i,
-                       s.level < 0 ? std::string("persistent") : std::to_string(s.level),
+    out += fmt::format("  {:>7}  {:>10}  {:>4}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}  {:>10}\n", i,
+                       s.level < 0 ? std::string("persistent") : std::to_string(s.level), s.tier,
                        m.time_base.seconds(s.begin_ticks), m.time_base.seconds(s.end_ticks),
-                       s.primitives, s.bytes);
+                       s.primitives, s.bytes, s.harmonics_bytes);
+  }
+  out += "\n  layer                  tier  primitives       bytes   share\n";
+  for (const Layer& layer : layers_of(reader)) {
+    out += fmt::format(
+        "  {:<20}  {:>5}  {:>10}  {:>10}  {:4.1f} %\n", layer.content, layer.tier, layer.primitives,
+        layer.bytes,
+        100.0 * static_cast<double>(layer.bytes) / static_cast<double>(reader.file_bytes()));
   }
   out += "\n  stream                  bytes   share   of raw\n";
   for (const StreamInfo& s : reader.streams()) {

@@ -72,7 +72,7 @@ class PackOptions {
   encoder::PackSettings settings() const;
 
  private:
-  int quality_ = encoder::PackSettings{}.quality;
+  int quality_ = encoder::PackSettings{}.quality, tiers_ = encoder::PackSettings{}.tiers;
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
 };
 

@@ -17,11 +17,17 @@ void PackOptions::declare(CLI::App& app) {
       ->check(number_between(0.01, 3600))
       ->capture_default_str()
       ->group(group);
+  app.add_option("--tiers", tiers_,
+                 "Parts of a segment by importance: a player may begin with the first alone")
+      ->check(number_between(1, 16))
+      ->capture_default_str()
+      ->group(group);
 }
 
 encoder::PackSettings PackOptions::settings() const {
   encoder::PackSettings settings;
   settings.quality = quality_;
+  settings.tiers = tiers_;
   settings.chunk_seconds = chunk_seconds_;
   return settings;
 }

@@ -86,6 +86,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   WriteSettings write;
   write.profile = Profile::kQuantised;
   write.quality = settings.quality;
+  write.tiers = settings.tiers;
   write.chunk_seconds = settings.chunk_seconds;
   std::vector<std::uint32_t> order;
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode_scene(scene, write, &order));

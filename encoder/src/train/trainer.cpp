@@ -13,6 +13,7 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
+#include "train/importance.h"
 #include "train/random.h"
 #include "train/start_camera.h"
 #include "train/step_schedule.h"
@@ -24,6 +25,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kProgressInterval = 0.1;   // seconds
 constexpr std::uint64_t kLogInterval = 50;  // iterations
+constexpr int kImportanceViews = 256;
 constexpr double kLossMemory = 0.02;        // of the running mean, a step
 
 double seconds_since(Clock::time_point start) {
@@ -381,6 +383,7 @@ Status Trainer::run() {
 Scene Trainer::scene() const {
   Scene scene;
   scene.gaussians = state_.set;
+  scene.importance = view_importance(scene.gaussians, capture_, kImportanceViews);
   SceneMetadata& metadata = scene.metadata;
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);

@@ -16,11 +16,11 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 2;  // a file states the least that it needs
+inline constexpr std::uint16_t kFormatMinor = 3;  // a file states the least that it needs
 
 enum class Profile : std::uint16_t {
   kLossless = 0,   // every float as trained
-  kQuantised = 1,  // bounded error, Morton order, zstd a stream
+  kQuantised = 1,  // bounded error, tiers by importance, Morton order, zstd a stream
 };
 
 // "lossless" or "quantised".
@@ -70,6 +70,9 @@ struct Scene {
   SceneMetadata metadata;
   Gaussians4D gaussians;
   std::vector<ScenePart> parts;  // of all the primitives, in their order; empty: always drawn
+  // N, or empty where it is not known: the sum over the pixels of many views of the square of the
+  // share that the primitive has in them. A writer makes layers and steps by it.
+  std::vector<float> importance;
 };
 
 // Upper bounds that a reader refuses to pass, checked before anything is allocated.
@@ -78,13 +81,17 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;  // bytes, decoded
 };
 
-// One lifespan segment: the primitives that are drawn inside [begin, end) alone.
+// The primitives of one tier that are drawn inside [begin, end) alone. Tier 0 has those that matter
+// most; any number of first tiers, with or without their harmonics, is a picture.
 struct SegmentInfo {
   std::int32_t level = 0;  // -1: persistent, all of its part; else span = chunk << level
   double begin_ticks = 0, end_ticks = 0;
   std::uint32_t primitives = 0;
   std::uint64_t offset = 0, bytes = 0;  // in the file
   std::uint32_t part = 0;               // of SceneReader::parts()
+  int tier = 0;
+  // The harmonics above degree 0, where they can be fetched apart; else 0 bytes.
+  std::uint64_t harmonics_offset = 0, harmonics_bytes = 0;
 };
 
 // Bytes spent on one attribute over the whole file.
@@ -117,14 +124,19 @@ class SceneReader {
   // Indices of the segments that hold every primitive alive somewhere in [t0, t1], ticks; from the
   // index alone, ascending in file offset.
   virtual std::vector<std::uint32_t> segments_between(double t0, double t1) const = 0;
-  // Decodes one segment.
-  virtual Result<Gaussians4D> decode(std::uint32_t segment) const = 0;
+  // Decodes one segment; without its harmonics those above degree 0 are 0 where they are stored
+  // apart, and their bytes are not read.
+  virtual Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const = 0;
+  Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
+  // Scene::importance, segment after segment; empty where the file does not have it.
+  virtual Result<std::vector<float>> importance() const = 0;
 };
 
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0.5;  // the timeline's chunk C
   int quality = 85;            // 0..100, quantised profile only
+  int tiers = 3;               // 1..16, quantised profile only: parts of a segment by importance
   int zstd_level = 9;          // 1..19
 };
 
