@@ -314,7 +314,7 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
   const std::vector<IndexEntry*> records = records_of(body.index.segments);
   FileHeader header;
   const bool quantised = metadata.profile == Profile::kQuantised;  // tiers, harmonics apart
-  header.minor = quantised ? 3 : window || in_parts ? 2 : 1;  // spec 2.5
+  header.minor = quantised ? 3 : window || in_parts ? 2 : 1;       // spec 2.5
   header.head_bytes = kHeaderBytes + meta.size() + kRecordHeaderBytes +
                       index_bytes(records.size(), body.index.attributes.size());
   header.file_bytes = header.head_bytes;

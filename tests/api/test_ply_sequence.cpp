@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/ply_sequence.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -24,7 +26,9 @@ constexpr int kComes = 5, kGoes = 7;  // first frame of the one, first frame wit
 
 // A folder that goes with the test.
 struct Folder {
-  Folder() : path((fs::temp_directory_path() / "stgs_test_ply_sequence").string()) {
+  Folder()
+      : path((fs::temp_directory_path() / fmt::format("stgs_test_ply_sequence_{}", getpid()))
+                 .string()) {
     fs::remove_all(path);
     fs::create_directories(path);
   }

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <unistd.h>
+
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -18,7 +20,8 @@ namespace {
 
 // A folder that goes with the test.
 struct Folder {
-  Folder() : path((fs::temp_directory_path() / "stgs_test_sog").string()) {
+  Folder()
+      : path((fs::temp_directory_path() / fmt::format("stgs_test_sog_{}", getpid())).string()) {
     fs::remove_all(path);
     fs::create_directories(path);
   }

@@ -73,7 +73,7 @@ class Converting(CliTest):
         packed = self.json_of("convert", "a.ply", "d.stgs", "--quality", "85")
         self.assertEqual(self.json_of("info", "d.stgs")["profile"], "quantised")
         self.assertGreater(packed["errors"]["position_max"], 0)
-        self.assertLess(packed["errors"]["position_max"], 0.01)
+        self.assertLess(packed["errors"]["position_max"], 0.03)
 
     def test_a_whole_scene_stays_whole(self):
         result = self.json_of("convert", self.fixture("tiny.stgs"), "copy.stgs")

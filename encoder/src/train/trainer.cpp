@@ -26,7 +26,7 @@ using Clock = std::chrono::steady_clock;
 constexpr double kProgressInterval = 0.1;   // seconds
 constexpr std::uint64_t kLogInterval = 50;  // iterations
 constexpr int kImportanceViews = 256;
-constexpr double kLossMemory = 0.02;        // of the running mean, a step
+constexpr double kLossMemory = 0.02;  // of the running mean, a step
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
