@@ -60,7 +60,7 @@ class ConvertingFrames(CliTest):
         os.remove(self.path("frames", "00002.ply"))
         self.fails(1, "is a frame missing", "convert", "frames", "a.stgs")
         os.mkdir(self.path("empty"))
-        self.fails(2, "empty: ", "convert", "empty", "a.stgs")
+        self.fails(2, "empty: the folder holds neither PLY frames", "convert", "empty", "a.stgs")
         for option, value in (("--fps", "30"), ("--frames", "5"), ("--tolerance", "2")):
             self.fails(1, f"{option} is for", "convert", self.fixture("tiny.stgs"), "a.stgs",
                        option, value)

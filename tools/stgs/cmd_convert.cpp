@@ -146,6 +146,13 @@ class Convert final : public Command {
     STGS_ASSIGN(work.from, format_of_content(input_));
     STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
+      std::error_code error;
+      if (std::filesystem::is_directory(input_, error)) {
+        return io_error(
+            "{}: the folder holds neither PLY frames (00000.ply, 00001.ply, ...) "
+            "nor a SOG model; name the file or folder that does",
+            input_);
+      }
       STGS_ASSIGN(work.scene, read_scene(input_));
     } else {
       STGS_ASSIGN(work.scene,

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "interchange/rotation_angle.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
@@ -10,18 +11,7 @@
 namespace stgs {
 namespace {
 
-// Degrees between the rotations of two quaternions of any length but 0.
-double angle_between(const float* a, const float* b) {
-  double dot = 0, aa = 0, bb = 0;
-  for (int c = 0; c < 4; ++c) {
-    dot += double{a[c]} * b[c];
-    aa += double{a[c]} * a[c];
-    bb += double{b[c]} * b[c];
-  }
-  const double cosine = std::min(1.0, std::abs(dot) / std::sqrt(aa * bb));
-  return 2.0 * std::atan2(std::sqrt(std::max(0.0, 1.0 - cosine * cosine)), cosine) * 180.0 /
-         std::numbers::pi;
-}
+constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 }  // namespace
 
@@ -44,8 +34,9 @@ Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Gauss
     }
     position += squared;
     errors.position_max = std::max(errors.position_max, std::sqrt(squared));
-    errors.rotation_max = std::max(errors.rotation_max, angle_between(meant.rotation.data() + 4 * i,
-                                                                      got.rotation.data() + 4 * i));
+    errors.rotation_max = std::max(
+        errors.rotation_max,
+        kDegrees * rotation_angle(meant.rotation.data() + 4 * i, got.rotation.data() + 4 * i));
     errors.opacity_max =
         std::max(errors.opacity_max, std::abs(double{math::opacity_of(meant.opacity_logit[i])} -
                                               math::opacity_of(got.opacity_logit[i])));

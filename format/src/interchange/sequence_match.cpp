@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "interchange/import.h"
+#include "interchange/rotation_angle.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs {
@@ -57,23 +58,6 @@ Sizes typical_sizes(const Gaussians4D& set) {
     return *mid;
   };
   return {median(middle), median(largest)};
-}
-
-// The angle between two rotations, radians; quaternions of any length.
-double angle_between(const float* a, const float* b) {
-  double dot = 0, aa = 0, bb = 0;
-  for (int c = 0; c < 4; ++c) {
-    dot += double{a[c]} * b[c];
-    aa += double{a[c]} * a[c];
-    bb += double{b[c]} * b[c];
-  }
-  const double sign = dot < 0 ? -1 : 1, la = 1 / std::sqrt(aa), lb = sign / std::sqrt(bb);
-  double chord = 0;  // well conditioned for small angles, unlike the arc cosine
-  for (int c = 0; c < 4; ++c) {
-    const double d = a[c] * la - b[c] * lb;
-    chord += d * d;
-  }
-  return 4 * std::asin(std::min(1.0, std::sqrt(chord) / 2));
 }
 
 // Greatest difference of a channel of the colour, from any direction.
@@ -184,7 +168,7 @@ bool SequenceMatcher::same_attributes(const Gaussians4D& frame, std::size_t spla
   const float* p = set_.rotation.data() + std::size_t{4} * primitive;
   if (!std::equal(q, q + 4, p)) {
     const Sizes sizes = sizes_of(set_, primitive);
-    difference.rotation = angle_between(q, p) * sizes.largest / sizes.middle;
+    difference.rotation = rotation_angle(q, p) * sizes.largest / sizes.middle;
   }
   return difference.rotation <= tolerances_.rotation;
 }
