@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "findings.h"
+#include "layout.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/scene_file.h"
 
@@ -33,6 +34,7 @@ inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
 inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
 inline constexpr std::uint32_t kPartsTag = tag_of("PART");
 inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
+inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 
 // XXH3-64, seed 0 (spec 1.5).
@@ -145,10 +147,11 @@ bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> pay
 void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings);
 bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                     FileMetadata& metadata, Findings& findings);
-// Header, metadata, parts and index of a file.
+// Header, metadata, layouts, parts and index of a file.
 struct FileHead {
   FileHeader header;
   FileMetadata metadata;
+  LayoutSet layouts;
   std::vector<PartEntry> parts;  // one of the whole timeline where the file states none
   FileIndex index;
 };

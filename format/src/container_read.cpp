@@ -182,6 +182,10 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
                  Findings& findings) {
   if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
   if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
+  if (tag == kLayoutTag) {
+    ByteReader in(payload);
+    return parse_layouts(in, payload_at, out.layouts, findings);
+  }
   if (have.count(kMetadataTag) == 0) return false;
   if (tag == kIndexTag) return parse_index(payload, payload_at, limits, out, findings);
   if (have.count(kIndexTag) != 0) {
@@ -191,7 +195,7 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   return parse_parts(payload, payload_at, out.metadata.scene.frames, out.parts, findings);
 }
 
-// Finds META, PART, INDX and WNDW among the records of the head.
+// Finds META, LAYT, PART, INDX and WNDW among the records of the head.
 bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
                Findings& findings) {
   std::set<std::uint32_t> have;
@@ -201,8 +205,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
-    const bool known =
-        record.tag == kMetadataTag || record.tag == kPartsTag || record.tag == kIndexTag;
+    const bool known = record.tag == kMetadataTag || record.tag == kPartsTag ||
+                       record.tag == kIndexTag || record.tag == kLayoutTag;
     const bool window = record.tag == kWindowTag && record.flags == 0;
     if (!window && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
@@ -270,8 +274,15 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     findings.error(N::kHeaderChecksum, 32, "the file header is damaged (checksum)");
     return false;
   }
+  if (header.major == kFormatMajor && header.minor < kOldestMinor) {
+    findings.unsupported(N::kVersion, 8,
+                         "format version {}.{} was an experiment that is no longer read; write the "
+                         "file again with a program of version {}.{}",
+                         header.major, header.minor, kFormatMajor, kFormatMinor);
+    return false;
+  }
   if (header.major != kFormatMajor) {
-    findings.unsupported(N::kMajorVersion, 8, "format version {}.{}; this program reads {}.x",
+    findings.unsupported(N::kVersion, 8, "format version {}.{}; this program reads {}.x",
                          header.major, header.minor, kFormatMajor);
     return false;
   }

@@ -19,7 +19,7 @@ enum class IssueNumber : int {
   kTooShort = 101,            // fewer bytes than a header
   kMagic = 102,               // not an .stgs file, or damaged as text
   kHeaderChecksum = 103,      //
-  kMajorVersion = 104,        // newer major version
+  kVersion = 104,             // another major version, or a minor one that is no longer read
   kHeaderFlags = 105,         // a critical flag that is not known
   kFileSize = 106,            // truncated, or bytes after the end
   kHeadSize = 107,            // head_bytes outside the file
@@ -46,7 +46,6 @@ enum class IssueNumber : int {
   kPrimitiveTotal = 306,      // the sum differs
   kPrimitiveLimit = 307,      // more than the caller allows
   kMemoryLimit = 308,         // more decoded bytes than the caller allows
-  kAttributeTotal = 309,      // bytes by attribute differ from the segments
   kUnlistedRecord = 310,      // warning: a segment record that the index does not list
   kParts = 311,               // PART too short, out of order or not the index's
   kImportance = 312,          // IMPO of another size, or with a value that is none
@@ -58,7 +57,7 @@ enum class IssueNumber : int {
   kStreamCorrupt = 405,       // the coder fails or gives another size
   kStreamChecksum = 406,      // decoded bytes differ
   kStreamValue = 407,         // an integer outside what the mapping allows
-  kStreamPadding = 408,       // bits behind a plane's last digit that are not 0
+  kLayouts = 409,             // cut off, a table that is none, a number of none of them
   kNotFinite = 500,           // a decoded value is not finite
   kSigma = 501,               // sigma <= 0
   kRadius = 502,              // radius < 0

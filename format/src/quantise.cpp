@@ -55,12 +55,17 @@ struct Extent {
   }
 };
 
-Extent extent_of(const Gaussians4D& set) {
+// Of some primitives, or of all.
+Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* members) {
   Extent out;
-  for (std::size_t i = 0; i < set.position.size(); ++i) {
-    const float x = set.position[i];
-    out.low[i % 3] = i < 3 ? x : std::min(out.low[i % 3], x);
-    out.high[i % 3] = i < 3 ? x : std::max(out.high[i % 3], x);
+  const std::size_t n = members != nullptr ? members->size() : set.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t i = members != nullptr ? (*members)[k] : k;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float x = set.position[3 * i + axis];
+      out.low[axis] = k == 0 ? x : std::min(out.low[axis], x);
+      out.high[axis] = k == 0 ? x : std::max(out.high[axis], x);
+    }
   }
   return out;
 }
@@ -114,37 +119,36 @@ Integers begin(Attribute attribute, Mapping mapping, int exponent, int component
   return out;
 }
 
-// Linear from the least value of each component.
-Integers linear(const Gaussians4D& part, Attribute attribute, int exponent) {
+// Numbers of steps.
+Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, int exponent) {
   const int components = components_of(attribute);
   const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kLinear, exponent, components, n);
+  Integers out = begin(attribute, mapping, exponent, components, n);
   for (std::size_t c = 0; c < static_cast<std::size_t>(components); ++c) {
-    std::vector<std::int64_t> k(n);
     for (std::size_t i = 0; i < n; ++i) {
-      k[i] = std::clamp(nearest(view.data[i * view.stride + c], exponent), -kMaxInteger / 2,
-                        kMaxInteger / 2 - 1);
-    }
-    const std::int64_t least = *std::min_element(k.begin(), k.end());
-    out.origin[c] = static_cast<float>(std::ldexp(static_cast<double>(least), exponent));
-    for (std::size_t i = 0; i < n; ++i) {
-      out.values[c * n + i] = static_cast<std::uint32_t>(k[i] - least);
+      out.values[c * n + i] =
+          static_cast<std::uint32_t>(std::clamp(nearest(view.data[i * view.stride + c], exponent),
+                                                -kMaxInteger / 2, kMaxInteger / 2 - 1));
     }
   }
   return out;
 }
 
+// The same from the beginning of the segment on.
+Integers moments(const Gaussians4D& part, int exponent, double segment_begin) {
+  Integers out = linear(part, Attribute::kTime, Mapping::kMoment, exponent);
+  const auto first = static_cast<std::uint32_t>(first_moment(segment_begin, exponent));
+  for (std::uint32_t& v : out.values) v -= first;
+  return out;
+}
+
 Integers truncated(const Gaussians4D& part, Attribute attribute, int shift, float offset) {
-  const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kTruncated, shift, 1, n);
-  for (std::size_t i = 0; i < n; ++i) {
+  Integers out = begin(attribute, Mapping::kTruncated, shift, 1, part.size());
+  for (std::size_t i = 0; i < part.size(); ++i) {
     out.values[i] = truncated_bits(view.data[i] + offset, shift);
   }
-  const std::uint32_t least = *std::min_element(out.values.begin(), out.values.end());
-  for (std::uint32_t& v : out.values) v -= least;
-  out.origin[0] = from_truncated(least, shift);
   out.origin[1] = offset;
   return out;
 }
@@ -185,7 +189,8 @@ std::vector<float> decoded_log_scales(const Integers& integers) {
   const float step = std::ldexp(1.0f, integers.exponent);
   for (std::size_t c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < n; ++i) {
-      out[3 * i + c] = integers.origin[c] + step * static_cast<float>(integers.values[c * n + i]);
+      const auto k = static_cast<std::int32_t>(integers.values[c * n + i]);
+      out[3 * i + c] = step * static_cast<float>(k);
     }
   }
   return out;
@@ -219,20 +224,14 @@ Integers colour(const Gaussians4D& part, Attribute attribute, int exponent) {
 }
 
 // Fills keys and the order of ascending keys.
-Integers position(const Gaussians4D& part, int finest, std::vector<std::uint32_t>& order) {
-  const Extent extent = extent_of(part);
+Integers position(const Gaussians4D& part, const GroupSteps& steps,
+                  std::vector<std::uint32_t>& order) {
   Integers out;
   out.attribute = Attribute::kPosition;
   out.mapping = Mapping::kLinear;
   out.components = 3;
-  // One value less than 2^21, because the origin is rounded down.
-  out.exponent = std::max(finest, exponent_for(extent.largest() * 1.000001, kMortonBits));
-  std::array<std::int64_t, 3> least{};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    least[axis] = nearest(extent.low[axis], out.exponent);
-    out.origin[axis] =
-        static_cast<float>(std::ldexp(static_cast<double>(least[axis]), out.exponent));
-  }
+  out.exponent = steps.position;
+  std::copy_n(steps.origin, 3, out.origin);
   const std::size_t n = part.size();
   std::vector<std::uint64_t> keys(n);
   for (std::size_t i = 0; i < n; ++i) {
@@ -297,7 +296,7 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
   coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   importance_ = mean_of(importance);
   const double size = typical_log_scale(set) / std::log(2.0);
-  coarsest_position_ = exponent_for(extent_of(set).largest() * 1.000001, kMortonBits);
+  coarsest_position_ = exponent_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
   steps_.position = std::clamp(size - 3.0, -100.0, 100.0);
   steps_.displacement = steps_.position + 1.0;
   steps_.log_scale = -3.4;
@@ -338,29 +337,44 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
   return out;
 }
 
-std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, double importance,
-                                          std::vector<std::uint32_t>& order) const {
+GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                               double importance) const {
   const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
   const double coarser =
       coarser_ + std::clamp(kImportancePower * std::log2(ratio), -kMostOctaves, kMostOctaves);
   const auto exponent = [coarser](double step) {
     return static_cast<int>(std::lround(step + coarser));
   };
+  const Extent extent = extent_of(set, &members);
+  GroupSteps out;
+  // One value less than 2^21, because the origin is rounded down.
+  out.position =
+      std::max(exponent(steps_.position), exponent_for(extent.largest() * 1.000001, kMortonBits));
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    out.origin[axis] = on_grid(extent.low[axis], out.position);
+  out.displacement = exponent(steps_.displacement);
+  out.log_scale = exponent(steps_.log_scale);
+  out.rotation = std::clamp(exponent(steps_.rotation), kFinestRotation, kCoarsestRotation);
+  for (int band = 0; band < 4; ++band) out.sh[band] = exponent(steps_.sh[band]);
+  return out;
+}
+
+std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSteps& steps,
+                                          double segment_begin,
+                                          std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
-  out.push_back(position(part, exponent(steps_.position), order));
+  out.push_back(position(part, steps, order));
   const Gaussians4D sorted = part.gather(order);
-  out.push_back(linear(sorted, Attribute::kTime, steps_.time));
+  out.push_back(moments(sorted, steps_.time, segment_begin));
   out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
-  out.push_back(displacement(sorted, exponent(steps_.displacement), frames_));
-  out.push_back(linear(sorted, Attribute::kLogScale, exponent(steps_.log_scale)));
-  out.push_back(
-      rotation(sorted, decoded_log_scales(out.back()),
-               std::clamp(exponent(steps_.rotation), kFinestRotation, kCoarsestRotation)));
-  out.push_back(linear(sorted, Attribute::kOpacity, steps_.opacity));
+  out.push_back(displacement(sorted, steps.displacement, frames_));
+  out.push_back(linear(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
+  out.push_back(rotation(sorted, decoded_log_scales(out.back()), steps.rotation));
+  out.push_back(linear(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));
   for (int band = 0; band <= part.sh_degree; ++band) {
     const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
-    out.push_back(colour(sorted, attribute, exponent(steps_.sh[band])));
+    out.push_back(colour(sorted, attribute, steps.sh[band]));
   }
   return out;
 }

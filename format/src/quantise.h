@@ -25,6 +25,14 @@ struct Steps {
   int opacity = 0;  // of the logit
 };
 
+// The exponents of the steps that vary with importance, of primitives that share a layout, and
+// where their positions count from.
+struct GroupSteps {
+  int position = 0, displacement = 0, log_scale = 0, rotation = 0;
+  int sh[4] = {0, 0, 0, 0};
+  float origin[3] = {0, 0, 0};
+};
+
 class Quantiser {
  public:
   // Chooses the steps for a whole set; quality 0..100. `importance` (N): how much each primitive
@@ -35,10 +43,15 @@ class Quantiser {
   // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
   // its interval and stands still there gets one constant lifespan, which costs next to nothing.
   Gaussians4D snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts) const;
+  // For those primitives of `set` that share a layout; `importance` is their mean: the less, the
+  // coarser.
+  GroupSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                      double importance) const;
   // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
-  // set to the indices in that order. `importance` is their mean: the less, the coarser.
-  std::vector<Integers> quantise(const Gaussians4D& part, double importance,
-                                 std::vector<std::uint32_t>& order) const;
+  // set to the indices in that order. The segment begins at `segment_begin`, ticks, before its part
+  // cuts it.
+  std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
+                                 double segment_begin, std::vector<std::uint32_t>& order) const;
   // Largest step of a position, scene units.
   float position_step() const;
 

@@ -88,9 +88,7 @@ class Reader final : public SceneReader {
       SegmentRecords records;
       Gaussians4D set;
       if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
-          findings.ok() &&
-          decode_streams(records.streams, segment, segments_[segment].primitives, head_.metadata,
-                         set, findings)) {
+          findings.ok() && decode_segment(records, head_, segment, set, findings)) {
         check_primitives(set, segment, segments_[segment].offset, findings);
       }
       if (!findings.ok()) return findings.status(source_->name());

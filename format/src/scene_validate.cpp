@@ -78,31 +78,15 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
-  std::vector<std::uint64_t> bytes(attributes_of(3).size() + 1, 0);
-  bool all_parsed = true;
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     SegmentRecords records;
     Gaussians4D set;
-    const bool parsed = read_segment(source, head, i, true, records, findings);
-    all_parsed &= parsed;
-    for (const LocatedStream& stream : records.streams) {
-      bytes[stream.entry.attribute] += stream.entry.bytes;
-    }
-    if (parsed && decode_streams(records.streams, i, head.index.segments[i].base.primitives,
-                                 head.metadata, set, findings)) {
+    if (read_segment(source, head, i, true, records, findings) &&
+        decode_segment(records, head, i, set, findings)) {
       check_values(set, head, i, findings);
     }
   }
   walk_body(source, head, findings);
-  if (!all_parsed) return;  // the totals need every table
-  for (const AttributeBytes& row : head.index.attributes) {
-    const bool known = row.attribute > 0 && row.attribute < bytes.size();
-    if (known && row.bytes != bytes[row.attribute]) {
-      findings.error(N::kAttributeTotal, kHeaderBytes,
-                     "index: {} bytes of {}, the segments hold {}", row.bytes,
-                     name_of(static_cast<Attribute>(row.attribute)), bytes[row.attribute]);
-    }
-  }
 }
 
 }  // namespace

@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <exception>
 
-#include "quantise.h"
-#include "segment.h"
-#include "segmenter.h"
+#include "body_write.h"
+#include "bytes.h"
 #include "stgs/format/output_file.h"
-#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
 
-constexpr std::size_t kLeastTier =
-    512;  // primitives: fewer would cost more in tables than they gain
 constexpr int kMostTiers = 16;
 
 Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
@@ -127,27 +122,6 @@ Status check_metadata(const FileMetadata& metadata) {
   return usage_error("{}", findings.take().front().message);
 }
 
-Integers float_bits(const Gaussians4D& set, Attribute attribute) {
-  Integers out;
-  out.attribute = attribute;
-  out.components = components_of(attribute);
-  out.values.reserve(set.size() * static_cast<std::size_t>(out.components));
-  const AttributeView<const float> view = view_of(set, attribute);
-  for (std::size_t c = 0; c < static_cast<std::size_t>(out.components); ++c) {
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      out.values.push_back(std::bit_cast<std::uint32_t>(view.data[i * view.stride + c]));
-    }
-  }
-  return out;
-}
-
-std::vector<Integers> lossless_integers(const Gaussians4D& set) {
-  std::vector<Integers> out;
-  for (Attribute attribute : attributes_of(set.sh_degree))
-    out.push_back(float_bits(set, attribute));
-  return out;
-}
-
 // Of the positions, widened by the error that the profile may make.
 void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -160,14 +134,6 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
     metadata.bounds_max[axis] = high + margin;
   }
 }
-
-struct Body {
-  FileIndex index;
-  std::vector<PartEntry> parts;
-  std::vector<std::vector<std::uint8_t>> bases, harmonics;  // records, by segment
-  std::vector<std::uint8_t> importance;                     // record, or empty
-  std::vector<std::uint32_t> order;  // index in the scene of each primitive of the file
-};
 
 // The parts as ranges of the primitives; one of all where there are none.
 std::vector<PartRange> ranges_of(const Scene& scene) {
@@ -184,121 +150,6 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
   return ranges;
 }
 
-// The members of a segment as so many tiers of like size, those of most importance first; fewer
-// where tiers would be small.
-std::vector<SegmentMembers> tiers_of(SegmentMembers segment, std::span<const float> importance,
-                                     int tiers) {
-  const std::size_t n = segment.members.size();
-  const auto count = std::clamp<std::size_t>(n / kLeastTier, 1, static_cast<std::size_t>(tiers));
-  if (count == 1) return {std::move(segment)};
-  std::stable_sort(segment.members.begin(), segment.members.end(),
-                   [&](std::uint32_t a, std::uint32_t b) { return importance[a] > importance[b]; });
-  std::vector<SegmentMembers> out(count);
-  for (std::size_t t = 0; t < count; ++t) {
-    const auto at = [&](std::size_t k) {
-      return segment.members.begin() + static_cast<std::ptrdiff_t>(k * n / count);
-    };
-    out[t] = {segment.place, {at(t), at(t + 1)}};
-    std::sort(out[t].members.begin(), out[t].members.end());
-  }
-  return out;
-}
-
-double mean_importance(const std::vector<std::uint32_t>& members,
-                       std::span<const float> importance) {
-  double sum = 0.0;
-  for (const std::uint32_t i : members) sum += importance[i];
-  return sum / static_cast<double>(members.size());
-}
-
-// How a scene is written, and what of.
-struct Encoding {
-  const Gaussians4D* set = nullptr;
-  std::span<const float> importance;  // empty: lossless, one tier
-  const Quantiser* quantiser = nullptr;
-  double chunk_ticks = 0;
-  std::uint32_t frames = 0;
-  int tiers = 1, zstd_level = 9;
-};
-
-// All segments of all parts, tier after tier, and the parts' rows.
-std::vector<SegmentMembers> cut(const Encoding& encoding, const std::vector<PartRange>& parts,
-                                Body& body) {
-  std::vector<SegmentMembers> segments;
-  for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    std::uint32_t count = 0;
-    for (SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
-                                             encoding.frames, encoding.quantiser == nullptr)) {
-      int tier = 0;
-      for (SegmentMembers& segment :
-           tiers_of(std::move(whole), encoding.importance, encoding.tiers)) {
-        SegmentEntry entry;
-        entry.part = p;
-        entry.base.level = segment.place.level;
-        entry.base.slot = segment.place.slot;
-        entry.base.layer = layer_of(Content::kPrimitives, tier++);
-        entry.base.primitives = static_cast<std::uint32_t>(segment.members.size());
-        body.index.segments.push_back(entry);
-        segments.push_back(std::move(segment));
-        ++count;
-      }
-    }
-    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, count});
-  }
-  return segments;
-}
-
-// The integers of a segment; its members take the order that they are stored in.
-std::vector<Integers> integers_of(const Encoding& encoding, std::vector<std::uint32_t>& members) {
-  const Gaussians4D part = encoding.set->gather(members);
-  if (encoding.quantiser == nullptr) return lossless_integers(part);
-  std::vector<std::uint32_t> order;
-  std::vector<Integers> integers =
-      encoding.quantiser->quantise(part, mean_importance(members, encoding.importance), order);
-  for (std::uint32_t& i : order) i = members[i];
-  members = std::move(order);
-  return integers;
-}
-
-Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts) {
-  Body body;
-  std::vector<SegmentMembers> segments = cut(encoding, parts, body);
-  body.index.chunk_ticks = encoding.chunk_ticks;
-  body.bases.resize(segments.size());
-  body.harmonics.resize(segments.size());
-  const std::size_t apart = attributes_of(0).size();
-  std::vector<std::vector<std::uint64_t>> bytes(segments.size());
-  parallel_for(std::size_t{0}, segments.size(), [&](std::size_t s) {
-    const std::vector<Integers> integers = integers_of(encoding, segments[s].members);
-    std::vector<EncodedStream> streams(integers.size());
-    parallel_for(std::size_t{0}, integers.size(), [&](std::size_t i) {
-      streams[i] = encode_stream(integers[i], encoding.zstd_level);
-    });
-    for (const EncodedStream& stream : streams) bytes[s].push_back(stream.bytes.size());
-    SegmentEntry& entry = body.index.segments[s];
-    const bool split = encoding.quantiser != nullptr && streams.size() > apart;
-    const std::span<const EncodedStream> all(streams), base = split ? all.first(apart) : all;
-    body.bases[s] = write_record(kSegmentTag, write_segment(entry.base, base));
-    entry.base.bytes = body.bases[s].size();
-    if (!split) return;
-    entry.harmonics = entry.base;
-    entry.harmonics.layer = layer_of(Content::kHarmonics, tier_of(entry.base.layer));
-    body.harmonics[s] =
-        write_record(kSegmentTag, write_segment(entry.harmonics, all.subspan(apart)));
-    entry.harmonics.bytes = body.harmonics[s].size();
-  });
-  for (Attribute attribute : attributes_of(encoding.set->sh_degree)) {
-    AttributeBytes total{static_cast<std::uint16_t>(attribute), 0};
-    for (const auto& segment : bytes) total.bytes += segment[body.index.attributes.size()];
-    body.index.attributes.push_back(total);
-  }
-  for (const SegmentMembers& segment : segments) {
-    body.index.primitives += segment.members.size();
-    body.order.insert(body.order.end(), segment.members.begin(), segment.members.end());
-  }
-  return body;
-}
-
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
   std::vector<std::uint8_t> meta = write_record(kMetadataTag, write_metadata(metadata));
   const auto add = [&meta](std::uint32_t tag, const std::vector<std::uint8_t>& payload,
@@ -309,12 +160,13 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
   const std::optional<CaptureWindow>& window = metadata.scene.window;
   const bool in_parts = body.parts.size() > 1 || body.parts[0].begin > 0.0 ||
                         body.parts[0].end < metadata.scene.frames;
+  ByteWriter layouts;
+  write_layouts(body.layouts, layouts);
+  add(kLayoutTag, layouts.take(), kCritical);
   if (window) add(kWindowTag, write_window(*window), 0);
   if (in_parts) add(kPartsTag, write_parts(body.parts), kCritical);
   const std::vector<IndexEntry*> records = records_of(body.index.segments);
   FileHeader header;
-  const bool quantised = metadata.profile == Profile::kQuantised;  // tiers, harmonics apart
-  header.minor = quantised ? 3 : window || in_parts ? 2 : 1;       // spec 2.5
   header.head_bytes = kHeaderBytes + meta.size() + kRecordHeaderBytes +
                       index_bytes(records.size(), body.index.attributes.size());
   header.file_bytes = header.head_bytes;
@@ -355,8 +207,12 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     std::optional<Quantiser> quantiser;
     std::vector<float> importance;
     Gaussians4D snapped;
-    Encoding encoding{&scene.gaussians,   {}, nullptr, chunk_ticks, scene.metadata.frames, 1,
-                      settings.zstd_level};
+    Encoding encoding;
+    encoding.set = &scene.gaussians;
+    encoding.chunk_ticks = chunk_ticks;
+    encoding.frames = scene.metadata.frames;
+    encoding.zstd_level = settings.zstd_level;
+    encoding.own_layouts = settings.own_layouts;
     if (settings.profile == Profile::kQuantised) {
       importance = scene.importance.empty()
                        ? importance_by_size(scene.gaussians, scene.metadata.frames)
@@ -368,6 +224,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
       encoding.importance = importance;
       encoding.quantiser = &*quantiser;
       encoding.tiers = settings.tiers;
+      encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
     }
     set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
     STGS_TRY(check_metadata(metadata));

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "segment.h"
 
+#include <zstd.h>
+
 #include <algorithm>
+#include <optional>
 
 #include "bytes.h"
 #include "stgs/format/parallel.h"
@@ -11,68 +14,110 @@ namespace {
 
 using N = IssueNumber;
 
-StreamEntry read_entry(ByteReader& in) {  // spec 6.2
-  StreamEntry entry;
-  entry.attribute = in.u16();
-  entry.components = in.u8();
-  entry.mapping = in.u8();
-  entry.prediction = in.u8();
-  entry.coder = in.u8();
-  entry.digit_bits = in.u8();
-  entry.digits = in.u8();
-  entry.exponent = static_cast<std::int8_t>(in.u8());
-  entry.bytes = in.u64();
-  entry.checksum = in.u64();
-  for (float& v : entry.origin) v = in.f32();
-  return entry;
+bool is_known(const StreamRow& row) {
+  return row.attribute < kOptionalAttributes;  // spec 6.4
+}
+bool is_coded(const StreamRow& row) {
+  return static_cast<Coder>(row.coder) == Coder::kRans;
 }
 
-void write_entry(const StreamEntry& entry, ByteWriter& out) {
-  out.u16(entry.attribute);
-  out.u8(entry.components);
-  out.u8(entry.mapping);
-  out.u8(entry.prediction);
-  out.u8(entry.coder);
-  out.u8(entry.digit_bits);
-  out.u8(entry.digits);
-  out.u8(static_cast<std::uint8_t>(entry.exponent));
-  out.u64(entry.bytes);
-  out.u64(entry.checksum);
-  for (float v : entry.origin) out.f32(v);
-}
-
-bool same_segment(ByteReader& in, const IndexEntry& expected, std::uint32_t& streams) {
+bool same_segment(ByteReader& in, const IndexEntry& expected) {
   const auto level = static_cast<std::int16_t>(in.u16());
   const std::uint16_t layer = in.u16();
   const std::uint32_t slot = in.u32(), primitives = in.u32();
-  streams = in.u32();
   return level == expected.level && layer == expected.layer && slot == expected.slot &&
          primitives == expected.primitives;
 }
 
-// What a record may hold of the attributes of a set of this degree.
-std::span<const Attribute> attributes_in(const IndexEntry& entry, int sh_degree) {
+// That the layout has the streams of the record's content, in their order.
+bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degree,
+                      std::uint32_t ordinal, std::uint64_t offset, Findings& findings) {
   const std::span<const Attribute> all = attributes_of(sh_degree);
+  const std::size_t base = attributes_of(0).size();
   const bool harmonics = content_of(entry.layer) == static_cast<int>(Content::kHarmonics);
-  return harmonics ? all.subspan(attributes_of(0).size()) : all;
+  const std::span<const Attribute> needed = harmonics ? all.subspan(base) : all;
+  std::size_t found = 0;
+  for (const StreamRow& row : layout.streams) {
+    if (!is_known(row)) continue;
+    if (found == needed.size() || row.attribute != static_cast<std::uint16_t>(needed[found])) {
+      findings.error(N::kStreamMissing, offset, "segment {}: its layout has attribute {}, not {}",
+                     ordinal, row.attribute,
+                     found == needed.size() ? "no more" : name_of(needed[found]));
+      return false;
+    }
+    ++found;
+  }
+  // The harmonics above degree 0 may be left to a record of their own.
+  if (found == needed.size() || (!harmonics && found == base)) return true;
+  findings.error(N::kStreamMissing, offset, "segment {}: no stream for {}", ordinal,
+                 name_of(needed[found]));
+  return false;
 }
 
-// Reads one record, checks it against its index row and appends its streams.
+// Whether the layout leaves the harmonics above degree 0 out.
+bool is_partial(const Layout& layout, int sh_degree) {
+  const auto known = std::count_if(layout.streams.begin(), layout.streams.end(), is_known);
+  return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
+}
+
+// Finds the record's layout and the bytes of its streams (spec 6.1).
+bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
+                   std::uint32_t ordinal, const IndexEntry& expected, SegmentRecord& record,
+                   Findings& findings) {
+  ByteReader in(payload);
+  if (!same_segment(in, expected)) {
+    findings.error(N::kSegmentMismatch, record.payload_at,
+                   "segment {}: is not the one that the index lists", ordinal);
+    return false;
+  }
+  record.layout = in.u16();
+  record.checksum = in.u64();
+  record.has_own = record.layout == kOwnLayout;
+  if (record.has_own) {
+    if (!parse_layouts(in, record.payload_at, record.own, findings)) return false;
+    record.layout = 0;
+  }
+  const std::vector<Layout>& layouts = record.set(head.layouts).layouts;
+  if (record.layout >= layouts.size() || (record.has_own && layouts.size() != 1)) {
+    findings.error(N::kLayouts, record.payload_at, "segment {}: layout {} of {}", ordinal,
+                   record.layout, layouts.size());
+    return false;
+  }
+  const Layout& layout = layouts[record.layout];
+  if (!check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
+                        findings)) {
+    return false;
+  }
+  if (layout.has_first_key()) record.first_key = in.u64();
+  std::vector<std::uint64_t> sizes(layout.streams.size());
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    if (!is_coded(layout.streams[i])) sizes[i] = in.u64();
+  }
+  for (const std::uint64_t size : sizes) record.streams.push_back(in.bytes(size));
+  if (layout.has_group()) record.group = in.bytes(in.left());
+  if (in.ok() && in.left() == 0) return true;
+  findings.error(N::kStreamTable, record.payload_at,
+                 "segment {}: {} bytes do not hold the streams of its layout, or hold more",
+                 ordinal, payload.size());
+  return false;
+}
+
+// Reads one record and checks it against its index row.
 bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                 const IndexEntry& entry, std::vector<std::uint8_t>& record,
-                 std::vector<LocatedStream>& streams, Findings& findings) {
+                 const IndexEntry& entry, SegmentRecord& record, Findings& findings) {
   if (entry.offset > source.size() || entry.bytes > source.size() - entry.offset) {
     findings.error(N::kSegmentRange, entry.offset, "segment {}: {} bytes are cut off", ordinal,
                    entry.bytes);
     return false;
   }
-  record.resize(entry.bytes);
-  if (Status status = source.read(entry.offset, record); !status.ok()) {
+  record.bytes.resize(entry.bytes);
+  if (Status status = source.read(entry.offset, record.bytes); !status.ok()) {
     findings.failed_read(entry.offset, status);
     return false;
   }
   RecordHeader header;
-  if (!parse_record_header(record, entry.offset, entry.offset + entry.bytes, header, findings)) {
+  if (!parse_record_header(record.bytes, entry.offset, entry.offset + entry.bytes, header,
+                           findings)) {
     return false;
   }
   if (header.tag != kSegmentTag || header.length != entry.bytes - kRecordHeaderBytes) {
@@ -86,137 +131,214 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
     return false;
   }
   if (!check_flags(header, true, entry.offset, findings)) return false;
-  const auto payload = std::span<const std::uint8_t>(record).subspan(kRecordHeaderBytes);
-  const std::uint64_t payload_at = entry.offset + kRecordHeaderBytes;
+  const auto payload = std::span<const std::uint8_t>(record.bytes).subspan(kRecordHeaderBytes);
+  record.payload_at = entry.offset + kRecordHeaderBytes;
   if (checksum(payload) != header.checksum) {
-    findings.error(N::kRecordChecksum, payload_at, "segment {} is damaged (checksum of {} bytes)",
-                   ordinal, payload.size());
+    findings.error(N::kRecordChecksum, record.payload_at,
+                   "segment {} is damaged (checksum of {} bytes)", ordinal, payload.size());
   }
-  return parse_segment(payload, payload_at, ordinal, entry, head.metadata, streams, findings);
+  return parse_segment(payload, head, ordinal, entry, record, findings);
 }
+
+// Whether the stored bytes of a stream can be its planes (spec 7.2); allocates nothing.
+bool stored_size_fits(std::span<const std::uint8_t> stored, std::uint64_t size) {
+  if (stored.size() == size) return true;
+  return ZSTD_getFrameContentSize(stored.data(), stored.size()) == size &&
+         size / kMaxExpansion <= stored.size();
+}
+
+// What is wrong with the one frame that `stored` must be (spec 7.2), or null.
+const char* decompress(std::span<const std::uint8_t> stored, std::span<std::uint8_t> planes) {
+  const std::size_t frame = ZSTD_findFrameCompressedSize(stored.data(), stored.size());
+  if (ZSTD_isError(frame)) return ZSTD_getErrorName(frame);
+  if (frame != stored.size()) return "bytes after the frame";
+  const std::size_t got =
+      ZSTD_decompress(planes.data(), planes.size(), stored.data(), stored.size());
+  if (ZSTD_isError(got)) return ZSTD_getErrorName(got);
+  return got == planes.size() ? nullptr : "another size";
+}
+
+// The planes of a record, decoded.
+struct DecodedPlanes {
+  std::vector<std::uint8_t> symbols;       // of the planes that are no constants, in their order
+  std::vector<std::vector<Plane>> planes;  // by row; none for a row that is skipped
+};
+
+// Decodes the streams of a record of n primitives.
+class RecordDecoder {
+ public:
+  RecordDecoder(const SegmentRecord& record, const LayoutSet& of_file, std::uint32_t ordinal,
+                std::size_t n, Findings& findings)
+      : record_(record),
+        set_(record.set(of_file)),
+        layout_(record.layout_in(of_file)),
+        ordinal_(ordinal),
+        n_(n),
+        findings_(findings) {}
+
+  // That the bytes can hold the planes: all streams of a segment must pass before any memory of its
+  // size is taken.
+  bool check_sizes() {
+    bool good = true;
+    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
+      const StreamRow& row = layout_.streams[i];
+      if (!is_known(row) || is_coded(row)) continue;
+      const std::uint64_t size = std::uint64_t{n_} * row.planes();
+      if (stored_size_fits(record_.streams[i], size)) continue;
+      corrupt(name_of(static_cast<Attribute>(row.attribute)), "its size is not that of its planes");
+      good = false;
+    }
+    if (!layout_.has_group()) return good;
+    auto group = RansGroupDecoder::open(record_.group, n_);
+    if (group.ok()) {
+      group_.emplace(std::move(*group));
+      return good;
+    }
+    corrupt("rANS", group.status().message().c_str());
+    return false;
+  }
+
+  bool decode(DecodedPlanes& out) {
+    out.symbols.resize(n_ * varying_planes());
+    const std::vector<std::span<std::uint8_t>> places = place_planes(out);
+    if (!decode_bytes(places)) return false;
+    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
+      const StreamRow& row = layout_.streams[i];
+      if (is_known(row) && is_coded(row)) decode_coded(row, places[i].data());
+    }
+    if (group_ && !group_->finish()) {
+      corrupt("rANS", "a block does not end as it must");
+      return false;
+    }
+    if (checksum(out.symbols) == record_.checksum) return true;
+    findings_.error(N::kStreamChecksum, record_.payload_at, "segment {}: decoded planes are wrong",
+                    ordinal_);
+    return false;
+  }
+
+  void map(const DecodedPlanes& decoded, const SegmentContext& context, Gaussians4D& set) {
+    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
+      const StreamRow& row = layout_.streams[i];
+      if (!is_known(row)) continue;
+      map_stream(row, decoded.planes[i], context, {ordinal_, record_.payload_at}, set, findings_);
+    }
+  }
+
+ private:
+  std::size_t varying_planes() const {
+    std::size_t count = 0;
+    for (const StreamRow& row : layout_.streams) {
+      if (!is_known(row)) continue;
+      if (!is_coded(row)) count += row.planes();
+      for (const std::uint16_t table : row.tables) count += set_.only[table] < 0 ? 1 : 0;
+    }
+    return count;
+  }
+
+  // Where the planes of each row are to be decoded.
+  std::vector<std::span<std::uint8_t>> place_planes(DecodedPlanes& out) const {
+    std::vector<std::span<std::uint8_t>> places;
+    std::uint8_t* at = out.symbols.data();
+    for (const StreamRow& row : layout_.streams) {
+      std::uint8_t* const begin = at;
+      std::vector<Plane>& planes = out.planes.emplace_back();
+      for (std::size_t p = 0; is_known(row) && p < row.planes(); ++p) {
+        const std::int16_t only = is_coded(row) ? set_.only[row.tables[p]] : std::int16_t{-1};
+        planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
+        at += only < 0 ? n_ : 0;
+      }
+      places.emplace_back(begin, at);
+    }
+    return places;
+  }
+
+  void decode_coded(const StreamRow& row, std::uint8_t* at) {
+    for (const std::uint16_t table : row.tables) {
+      if (set_.only[table] >= 0) continue;
+      group_->next_plane(set_.lookups[table], at);
+      at += n_;
+    }
+  }
+
+  // The streams that are not rANS.
+  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) {
+    std::vector<const char*> problems(places.size());
+    parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
+      const std::span<const std::uint8_t> stored = record_.streams[i];
+      if (!is_known(layout_.streams[i]) || is_coded(layout_.streams[i])) return;
+      if (stored.size() == places[i].size()) {
+        std::copy(stored.begin(), stored.end(), places[i].begin());
+      } else {
+        problems[i] = decompress(stored, places[i]);
+      }
+    });
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      if (problems[i] == nullptr) continue;
+      corrupt(name_of(static_cast<Attribute>(layout_.streams[i].attribute)), problems[i]);
+      return false;
+    }
+    return true;
+  }
+
+  void corrupt(const char* what, const char* problem) {
+    findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_, what,
+                    problem);
+  }
+
+  const SegmentRecord& record_;
+  const LayoutSet& set_;
+  const Layout& layout_;
+  std::uint32_t ordinal_;
+  std::size_t n_;
+  Findings& findings_;
+  std::optional<RansGroupDecoder> group_;
+};
 
 }  // namespace
-
-std::vector<std::uint8_t> write_segment(const IndexEntry& entry,
-                                        std::span<const EncodedStream> streams) {
-  ByteWriter out;
-  out.u16(static_cast<std::uint16_t>(entry.level));
-  out.u16(entry.layer);
-  out.u32(entry.slot);
-  out.u32(entry.primitives);
-  out.u32(static_cast<std::uint32_t>(streams.size()));
-  for (const EncodedStream& stream : streams) write_entry(stream.entry, out);
-  for (const EncodedStream& stream : streams) out.bytes(stream.bytes);
-  return out.take();
-}
-
-bool parse_segment(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                   std::uint32_t ordinal, const IndexEntry& expected, const FileMetadata& metadata,
-                   std::vector<LocatedStream>& streams, Findings& findings) {
-  ByteReader in(payload);
-  std::uint32_t count = 0;
-  if (!same_segment(in, expected, count)) {
-    findings.error(N::kSegmentMismatch, offset, "segment {}: is not the one that the index lists",
-                   ordinal);
-    return false;
-  }
-  if (!in.ok() || in.left() / kStreamEntryBytes < count) {
-    findings.error(N::kStreamTable, offset, "segment {}: {} bytes are too few for {} streams",
-                   ordinal, payload.size(), count);
-    return false;
-  }
-  const std::span<const Attribute> needed = attributes_in(expected, metadata.sh_degree);
-  std::size_t found = 0, kept = streams.size();
-  std::uint64_t at = kSegmentHeaderBytes + std::uint64_t{kStreamEntryBytes} * count;
-  for (std::uint32_t i = 0; i < count; ++i) {
-    const std::uint64_t row = offset + in.position();
-    LocatedStream stream{read_entry(in), offset + at, {}};
-    if (stream.entry.bytes > payload.size() - at) {
-      findings.error(N::kStreamTable, row, "segment {}: stream {} of {} bytes does not fit",
-                     ordinal, i, stream.entry.bytes);
-      return false;
-    }
-    stream.stored = payload.subspan(at, stream.entry.bytes);
-    at += stream.entry.bytes;
-    if (stream.entry.attribute >= kOptionalAttributes) continue;  // spec 6.4
-    if (found == needed.size() ||
-        stream.entry.attribute != static_cast<std::uint16_t>(needed[found])) {
-      findings.error(N::kStreamMissing, row, "segment {}: stream {} has attribute {}; expected {}",
-                     ordinal, i, stream.entry.attribute,
-                     found == needed.size() ? "no more" : name_of(needed[found]));
-      return false;
-    }
-    ++found;
-    if (check_entry(stream.entry, {ordinal, row}, findings)) streams.push_back(stream);
-  }
-  if (at != payload.size()) {
-    findings.error(N::kStreamTable, offset, "segment {}: {} bytes belong to no stream", ordinal,
-                   payload.size() - at);
-  }
-  // The harmonics above degree 0 may be left to a record of their own.
-  const bool partial = found == attributes_of(0).size() &&
-                       content_of(expected.layer) == static_cast<int>(Content::kPrimitives);
-  if (found != needed.size() && !partial) {
-    findings.error(N::kStreamMissing, offset, "segment {}: no stream for {}", ordinal,
-                   name_of(needed[found]));
-    return false;
-  }
-  return streams.size() - kept == found;
-}
-
-bool decode_streams(std::span<const LocatedStream> streams, std::uint32_t ordinal,
-                    std::uint32_t primitives, const FileMetadata& metadata, Gaussians4D& set,
-                    Findings& findings) {
-  // All streams of a segment must be able to fill it before any memory of its size is taken.
-  bool sizes_good = true;
-  for (const LocatedStream& stream : streams) {
-    sizes_good &=
-        check_size(stream.entry, stream.stored, primitives, {ordinal, stream.offset}, findings);
-  }
-  if (!sizes_good) return false;
-  set.sh_degree = metadata.sh_degree;
-  set.resize(primitives);
-  std::vector<Findings> found(streams.size());
-  const auto decode = [&](std::size_t i) {
-    const LocatedStream& stream = streams[i];
-    const StreamPlace place{ordinal, stream.offset};
-    std::vector<std::uint8_t> planes;
-    if (decode_planes(stream.entry, stream.stored, primitives, place, planes, found[i])) {
-      map_planes(stream.entry, planes, metadata.scene.frames, place, set, found[i]);
-    }
-  };
-  // Velocity is scaled by the lifespan and rotation by the shape: they come after these.
-  const auto waits = [&](std::size_t i) {
-    const auto attribute = static_cast<Attribute>(streams[i].entry.attribute);
-    return attribute == Attribute::kVelocity || attribute == Attribute::kRotation;
-  };
-  for (const bool second : {false, true}) {
-    parallel_for(std::size_t{0}, streams.size(), [&](std::size_t i) {
-      if (waits(i) == second) decode(i);
-    });
-  }
-  const bool good = std::all_of(found.begin(), found.end(), [](auto& f) { return f.ok(); });
-  for (Findings& f : found) findings.append(std::move(f));
-  return good;
-}
 
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_harmonics, SegmentRecords& records, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
-  if (!read_record(source, head, ordinal, segment.base, records.base, records.streams, findings)) {
-    return false;
-  }
-  const std::size_t all = attributes_of(head.metadata.sh_degree).size();
-  const bool whole = records.streams.size() == all, own = segment.harmonics.bytes > 0;
-  if (whole == own) {
+  if (!read_record(source, head, ordinal, segment.base, records.base, findings)) return false;
+  const bool partial = is_partial(records.base.layout_in(head.layouts), head.metadata.sh_degree);
+  const bool own = segment.harmonics.bytes > 0;
+  if (partial != own) {
     findings.error(N::kStreamMissing, segment.base.offset,
                    "segment {}: the harmonics above degree 0 are stored {}", ordinal,
                    own ? "twice" : "nowhere");
     return false;
   }
-  if (whole || !with_harmonics) return true;
-  return read_record(source, head, ordinal, segment.harmonics, records.harmonics, records.streams,
-                     findings);
+  if (!own || !with_harmonics) return true;
+  return read_record(source, head, ordinal, segment.harmonics, records.harmonics, findings);
+}
+
+bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                    Gaussians4D& set, Findings& findings) {
+  const IndexEntry& entry = head.index.segments[ordinal].base;
+  Findings found;
+  std::vector<RecordDecoder> decoders;
+  bool sizes_good = true;
+  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+    if (record->bytes.empty()) continue;
+    decoders.emplace_back(*record, head.layouts, ordinal, entry.primitives, found);
+    sizes_good &= decoders.back().check_sizes();
+  }
+  if (sizes_good) {
+    set.sh_degree = head.metadata.sh_degree;
+    set.resize(entry.primitives);
+    SegmentContext context;
+    context.frames = head.metadata.scene.frames;
+    context.begin =
+        interval_of(entry.level, entry.slot, head.index.chunk_ticks, context.frames).begin;
+    context.first_key = records.base.first_key;
+    for (RecordDecoder& decoder : decoders) {
+      DecodedPlanes planes;
+      if (decoder.decode(planes)) decoder.map(planes, context, set);
+    }
+  }
+  const bool good = found.ok();
+  findings.append(std::move(found));
+  return good;
 }
 
 }  // namespace stgs

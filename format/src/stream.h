@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// One attribute of one segment as bytes: mapping to integers, prediction, planes of digits, entropy
-// coder (spec 7).
+// One attribute of a record's primitives: mapping to integers, prediction, planes of digits
+// (spec 7). How the planes are coded is a matter of the record (segment.h).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "attributes.h"
@@ -22,33 +22,46 @@ enum class Mapping : std::uint8_t {
   kRotation = 4,        // vector part of a unit quaternion in units of 2^exponent
   kColour = 5,          // 2^exponent times the channels of luma and two chroma integers
   kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
+  kMoment = 7,          // kLinear, from the beginning of the segment on
 };
 // How q follows from the values v of the planes (spec 7.4).
 enum class Prediction : std::uint8_t {
   kPlain = 0,   // q = v
   kZigzag = 1,  // q = unzigzag(v)
   kDelta = 2,   // q = previous q + unzigzag(v)
-  kMorton = 3,  // running sum of v, its bits dealt to three q
+  kMorton = 3,  // running sum of v from the record's first key, its bits dealt to three q
 };
-enum class Coder : std::uint8_t { kStored = 0, kZstd = 1 };
+enum class Coder : std::uint8_t {
+  kBytes = 0,  // a zstd frame of the planes, or the planes
+  kRans = 1,   // in the record's group
+};
 
-inline constexpr std::size_t kStreamEntryBytes = 37;
+inline constexpr std::size_t kMaxDigits = 16;
 inline constexpr int kMortonBits = 21;  // an axis
 // Exponents of a rotation's step.
 inline constexpr int kFinestRotation = -12, kCoarsestRotation = -1;
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1}
                                             << 24;  // |q| below it is exact in float32
 
-// A row of a segment's stream table (spec 6.2).
-struct StreamEntry {
+// A stream of a layout (spec 6.3).
+struct StreamRow {
   std::uint16_t attribute = 0;
   std::uint8_t components = 0;  // of the planes
   std::uint8_t mapping = 0, prediction = 0, coder = 0;
-  std::uint8_t digit_bits = 8, digits = 0;  // of a value; 8 / digit_bits neighbours share a byte
   std::int8_t exponent = 0;
-  std::uint64_t bytes = 0;     // stored
-  std::uint64_t checksum = 0;  // of the decoded planes
+  std::uint8_t digits = 0;  // of a value
+  std::array<std::uint8_t, kMaxDigits> digit_bits{};
   float origin[3] = {0, 0, 0};
+  std::vector<std::uint16_t> tables;  // of the planes, where the coder is kRans
+
+  std::size_t planes() const { return std::size_t{components} * digits; }
+  bool operator==(const StreamRow&) const = default;
+};
+
+// One digit of one component of all primitives of a record; null: `only` for each of them.
+struct Plane {
+  const std::uint8_t* symbols = nullptr;
+  std::uint8_t only = 0;
 };
 
 // An attribute as integers, before prediction.
@@ -62,40 +75,31 @@ struct Integers {
   std::vector<std::uint64_t> morton;  // instead of values: ascending keys
 };
 
-struct EncodedStream {
-  StreamEntry entry;
-  std::vector<std::uint8_t> bytes;
-};
-EncodedStream encode_stream(const Integers& integers, int zstd_level);
-
 // Where a message says it happened.
 struct StreamPlace {
   std::uint32_t segment = 0;
-  std::uint64_t offset = 0;  // of the stream's bytes, or its table row
+  std::uint64_t offset = 0;  // of the record's payload, or of a layout's row
 };
-// Bytes of a plane: one digit of n values.
-constexpr std::uint64_t plane_bytes(std::uint64_t n, int digit_bits) {
-  return (n * static_cast<std::uint64_t>(digit_bits) + 7) / 8;
-}
+// What the records of a segment are mapped with, beside their layouts.
+struct SegmentContext {
+  std::uint32_t frames = 0;
+  double begin = 0;             // of the segment, before its part cuts it; ticks
+  std::uint64_t first_key = 0;  // of the record (spec 6.5)
+};
 // Checks a row against what this version knows.
-bool check_entry(const StreamEntry& entry, StreamPlace place, Findings& findings);
-// Compares the size that the stored bytes state with that of the planes (spec 7.2); allocates
-// nothing.
-bool check_size(const StreamEntry& entry, std::span<const std::uint8_t> stored,
-                std::uint64_t primitives, StreamPlace place, Findings& findings);
-// Entropy-decodes to components x digits planes and checks them. check_size must have passed.
-bool decode_planes(const StreamEntry& entry, std::span<const std::uint8_t> stored,
-                   std::uint64_t primitives, StreamPlace place, std::vector<std::uint8_t>& planes,
-                   Findings& findings);
-// From planes to floats in `set`, whose arrays have their size. Velocity needs sigma and radius.
-bool map_planes(const StreamEntry& entry, std::span<const std::uint8_t> planes,
-                std::uint32_t frames, StreamPlace place, Gaussians4D& set, Findings& findings);
+bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings);
+// From the row's planes to floats in `set`, whose arrays have their size. Velocity needs sigma and
+// radius, rotation the log-scales.
+bool map_stream(const StreamRow& row, std::span<const Plane> planes, const SegmentContext& context,
+                StreamPlace place, Gaussians4D& set, Findings& findings);
 
 // What a primitive of these log-scales adds to the exponent of its rotation (spec 7.5.7): a turn of
 // what is nearly round is hard to see.
 int rotation_shift(const float* log_scale);
 // floor(log2) of the lifespan that scales a displacement (spec 7.5.4).
 int lifespan_exponent(float sigma, float radius, std::uint32_t frames);
+// The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
+std::int64_t first_moment(double begin, int exponent);
 
 constexpr std::uint32_t zigzag(std::int32_t q) {
   return (static_cast<std::uint32_t>(q) << 1) ^ static_cast<std::uint32_t>(q >> 31);

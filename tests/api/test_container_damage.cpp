@@ -17,9 +17,10 @@ namespace {
 
 constexpr std::size_t kHeader = 40, kRecord = 32;
 
-Bytes small_file(Profile profile, std::size_t n = 40) {
+Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
   WriteSettings settings;
   settings.profile = profile;
+  settings.own_layouts = own_layouts;
   auto bytes = encode_scene(random_scene(n, 1, 30, 21), settings);
   REQUIRE(bytes.ok());
   return std::move(*bytes);
@@ -65,11 +66,23 @@ void seal_record(Bytes& bytes, std::size_t at) {
   }
   put<std::uint64_t>(bytes, at + 24, XXH3_64bits(bytes.data() + at, 24));
 }
-std::size_t metadata_at(const Bytes&) {
-  return kHeader;
+// The first record of this tag.
+std::size_t record_at(const Bytes& bytes, const char* tag) {
+  std::size_t at = kHeader;
+  while (std::memcmp(bytes.data() + at, tag, 4) != 0) {
+    at += kRecord + get<std::uint64_t>(bytes, at + 8);
+    REQUIRE(at + kRecord <= bytes.size());
+  }
+  return at;
+}
+std::size_t metadata_at(const Bytes& bytes) {
+  return record_at(bytes, "META");
+}
+std::size_t layouts_at(const Bytes& bytes) {
+  return record_at(bytes, "LAYT");
 }
 std::size_t index_at(const Bytes& bytes) {
-  return kHeader + kRecord + get<std::uint64_t>(bytes, kHeader + 8);
+  return record_at(bytes, "INDX");
 }
 std::size_t body_at(const Bytes& bytes) {
   return get<std::uint64_t>(bytes, 24);
@@ -96,6 +109,8 @@ TEST_CASE("a sound file has no issues") {
   CHECK(issues_of(small_file(Profile::kLossless)).empty());
   CHECK(issues_of(small_file(Profile::kQuantised)).empty());
   CHECK(issues_of(small_file(Profile::kQuantised, 3000)).empty());
+  CHECK(issues_of(small_file(Profile::kLossless, 40, true)).empty());
+  CHECK(issues_of(small_file(Profile::kQuantised, 3000, true)).empty());
 }
 
 TEST_CASE("a file cut anywhere is an error") {
@@ -119,8 +134,9 @@ TEST_CASE("a file with bytes after its end is an error") {
 }
 
 TEST_CASE("every changed byte is found, reading and validating") {
-  for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
-    const Bytes whole = small_file(profile, 12);
+  const Bytes files[] = {small_file(Profile::kLossless, 12), small_file(Profile::kQuantised, 12),
+                         small_file(Profile::kQuantised, 6, true)};
+  for (const Bytes& whole : files) {
     for (std::size_t at = 0; at < whole.size(); ++at) {
       for (int flip : {0x01, 0x10, 0x80, 0xFF}) {
         Bytes damaged = whole;
@@ -170,6 +186,8 @@ TEST_CASE("the header's fields are checked one by one") {
   CHECK(change(8, std::uint16_t{1}).first.code() == StatusCode::kUnsupported);
   CHECK(change(8, std::uint16_t{1}).second == std::set<int>{104});
   CHECK(change(10, std::uint16_t{9}).first.ok());  // a newer minor version is read
+  CHECK(change(10, std::uint16_t{3}).first.code() == StatusCode::kUnsupported);
+  CHECK(change(10, std::uint16_t{3}).second == std::set<int>{104});
   CHECK(change(12, std::uint32_t{1}).second == std::set<int>{105});
   CHECK(change(12, std::uint32_t{0x10000}).first.ok());
   CHECK(change(16, std::uint64_t{1} << 60).second.count(106) == 1);
@@ -240,25 +258,54 @@ TEST_CASE("the index's claims are checked before anything is allocated") {
   CHECK(numbers_of(issues_of(whole, limits)) == std::set<int>{308});
 }
 
-TEST_CASE("a segment's table is checked row by row") {
-  const Bytes whole = small_file(Profile::kQuantised);
+TEST_CASE("a segment's fields are checked one by one") {
+  const Bytes whole = small_file(Profile::kLossless);
   const std::size_t at = body_at(whole);
-  const std::size_t row = 16;
   CHECK(first_issue(whole, at, 0, std::int16_t{3}) == 400);
   CHECK(first_issue(whole, at, 8, std::uint32_t{5}) == 400);
-  CHECK(first_issue(whole, at, 12, ~std::uint32_t{0}) == 401);
-  CHECK(first_issue(whole, at, 12, std::uint32_t{3}) == 401);
-  CHECK(first_issue(whole, at, row, std::uint16_t{2}) == 402);
-  CHECK(first_issue(whole, at, row, std::uint16_t{0x4000}) == 402);
+  CHECK(first_issue(whole, at, 12, std::uint16_t{1}) == 409);
+  CHECK(first_issue(whole, at, 12, std::uint16_t{0xFFFE}) == 409);
+  CHECK(first_issue(whole, at, 12, std::uint16_t{0xFFFF}) == 409);  // its own, which is not there
+  CHECK(first_issue(whole, at, 14, std::uint64_t{0}) == 406);
+  CHECK(first_issue(whole, at, 22, ~std::uint64_t{0}) == 401);
+  CHECK(first_issue(whole, at, 22, get<std::uint64_t>(whole, at + kRecord + 22) - 1) == 401);
+}
+
+TEST_CASE("a layout's fields are checked one by one") {
+  const Bytes whole = small_file(Profile::kLossless);
+  const std::size_t at = layouts_at(whole), row = 5;
+  CHECK(first_issue(whole, at, 0, std::uint16_t{0xFFFF}) == 409);
+  CHECK(first_issue(whole, at, 0, std::uint16_t{1024}) == 409);
+  CHECK(first_issue(whole, at, 2, std::uint16_t{2}) == 409);
+  CHECK(first_issue(whole, at, 2, std::uint16_t{0}) == 409);  // the segments' is missing
+  CHECK(first_issue(whole, at, 4, std::uint8_t{8}) == 402);   // streams: two are missing
+  CHECK(first_issue(whole, at, row, std::uint16_t{2}) == 404);
+  CHECK(first_issue(whole, at, row + 13, std::uint16_t{8}) == 402);
+  CHECK(first_issue(whole, at, row, std::uint16_t{0x4000}) == 403);
+  CHECK(first_issue(whole, at, row, std::uint16_t{0x8000}) == 402);
   CHECK(first_issue(whole, at, row + 2, std::uint8_t{9}) == 404);
   CHECK(first_issue(whole, at, row + 3, std::uint8_t{200}) == 403);
   CHECK(first_issue(whole, at, row + 3, std::uint8_t{4}) == 404);
   CHECK(first_issue(whole, at, row + 4, std::uint8_t{9}) == 403);
   CHECK(first_issue(whole, at, row + 5, std::uint8_t{9}) == 403);
-  CHECK(first_issue(whole, at, row + 6, std::uint8_t{3}) == 404);
   CHECK(first_issue(whole, at, row + 7, std::uint8_t{0}) == 404);
-  CHECK(first_issue(whole, at, row + 9, ~std::uint64_t{0}) == 401);
-  CHECK(first_issue(whole, at, row + 17, std::uint64_t{0}) == 406);
+  CHECK(first_issue(whole, at, row + 7, std::uint8_t{17}) == 404);
+  CHECK(first_issue(whole, at, row + 8, std::uint8_t{4}) == 404);
+  CHECK(first_issue(whole, at, row + 9, std::uint8_t{7}) == 404);
+  CHECK(first_issue(whole, at, row + 9, std::uint8_t{0}) == 404);
+
+  // With rANS; its rows come after its tables.
+  const Bytes coded = small_file(Profile::kQuantised, 3000);
+  const std::size_t tables_at = layouts_at(coded);
+  REQUIRE(get<std::uint16_t>(coded, tables_at + kRecord) > 0);
+  CHECK(first_issue(coded, tables_at, 0, std::uint16_t{1025}) == 409);
+  CHECK(first_issue(coded, tables_at, 2, std::uint64_t{0}) == 409);  // no table
+  Bytes bytes = coded;
+  const auto length = get<std::uint64_t>(bytes, tables_at + 8);
+  put<std::uint16_t>(bytes, tables_at + kRecord + length - 2, 1023);  // the last plane's table
+  seal_record(bytes, tables_at);
+  CHECK(numbers_of(issues_of(bytes)).count(409) == 1);
+  CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
 }
 
 TEST_CASE("values that break the representation are found by the validator") {
@@ -286,18 +333,20 @@ TEST_CASE("values that cannot be drawn are refused though every checksum is righ
   auto encoded = encode_scene(scene, {});
   REQUIRE(encoded.ok());
   const Bytes whole = *encoded;
-  const std::size_t at = body_at(whole), rows = at + kRecord + 16;
+  const std::size_t at = body_at(whole), sizes = at + kRecord + 22;
   const auto broken = [&](std::size_t attribute, float value) {
     Bytes bytes = whole;
-    std::size_t stream = rows + 9 * 37;
-    for (std::size_t i = 0; i < attribute; ++i)
-      stream += get<std::uint64_t>(bytes, rows + 37 * i + 9);
-    const std::size_t row = rows + 37 * attribute;
-    const auto size = get<std::uint64_t>(bytes, row + 9);
+    const std::size_t first = sizes + std::size_t{9} * 8;
+    std::size_t stream = first;
+    for (std::size_t i = 0; i < attribute; ++i) {
+      stream += get<std::uint64_t>(bytes, sizes + 8 * i);
+    }
+    const auto size = get<std::uint64_t>(bytes, sizes + 8 * attribute);
     REQUIRE(size % 4 == 0);
     // The planes of the first component: one byte each.
     for (std::size_t c = 0; c < size; c += 4) put<float>(bytes, stream + c, value);
-    put<std::uint64_t>(bytes, row + 17, XXH3_64bits(bytes.data() + stream, size));
+    put<std::uint64_t>(bytes, at + kRecord + 14,
+                       XXH3_64bits(bytes.data() + first, bytes.size() - first));
     seal_record(bytes, at);
     CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
     return numbers_of(issues_of(bytes));
@@ -321,28 +370,36 @@ Bytes one_primitive() {
   return std::move(*encoded);
 }
 
-constexpr std::size_t kRow = 37, kRows = 16;
+constexpr std::size_t kStreams = 9, kSizes = 22, kFirstStream = kSizes + 8 * kStreams;
+constexpr std::size_t kRows = 5, kRow = 13;  // of a layout that has no tables
 
-// Replaces the bytes of stream `attribute` of a file of one segment, and all sizes around them.
-void replace_stream(Bytes& bytes, std::size_t attribute, std::uint8_t coder, const Bytes& stored) {
-  const std::size_t at = body_at(bytes), rows = at + kRecord + kRows, index = index_at(bytes);
-  std::size_t stream = rows + get<std::uint32_t>(bytes, at + kRecord + 12) * kRow;
-  for (std::size_t i = 0; i < attribute; ++i)
-    stream += get<std::uint64_t>(bytes, rows + kRow * i + 9);
-  const std::size_t row = rows + kRow * attribute;
-  const auto size = get<std::uint64_t>(bytes, row + 9);
+// Replaces the bytes of stream `attribute` of that file, and all sizes around them.
+void replace_stream(Bytes& bytes, std::size_t attribute, const Bytes& stored) {
+  const std::size_t at = body_at(bytes), sizes = at + kRecord + kSizes, index = index_at(bytes);
+  std::size_t stream = at + kRecord + kFirstStream;
+  for (std::size_t i = 0; i < attribute; ++i) stream += get<std::uint64_t>(bytes, sizes + 8 * i);
+  const auto size = get<std::uint64_t>(bytes, sizes + 8 * attribute);
   const auto begin = bytes.begin() + static_cast<std::ptrdiff_t>(stream);
   bytes.insert(bytes.erase(begin, begin + static_cast<std::ptrdiff_t>(size)), stored.begin(),
                stored.end());
-  put<std::uint8_t>(bytes, row + 5, coder);
-  put<std::uint64_t>(bytes, row + 9, stored.size());
+  put<std::uint64_t>(bytes, sizes + 8 * attribute, stored.size());
   put<std::uint64_t>(bytes, at + 8, bytes.size() - at - kRecord);
   seal_record(bytes, at);
   put<std::uint64_t>(bytes, index + kRecord + 24 + 16, bytes.size() - at);
-  put<std::uint64_t>(bytes, index + kRecord + 24 + 28 + 10 * attribute + 2, stored.size());
   seal_record(bytes, index);
   put<std::uint64_t>(bytes, 16, bytes.size());
   seal_header(bytes);
+}
+
+// Makes a file of one record claim so many primitives, in the index and in the record.
+void claim(Bytes& bytes, std::uint32_t primitives) {
+  const std::size_t index = index_at(bytes), at = body_at(bytes);
+  REQUIRE(get<std::uint32_t>(bytes, index + kRecord + 16) == 1);
+  put<std::uint64_t>(bytes, index + kRecord + 8, primitives);
+  put<std::uint32_t>(bytes, index + kRecord + 24 + 24, primitives);
+  seal_record(bytes, index);
+  put<std::uint32_t>(bytes, at + kRecord + 8, primitives);
+  seal_record(bytes, at);
 }
 
 // A zstd frame of one raw block that states `size` bytes of content.
@@ -369,13 +426,13 @@ TEST_CASE("a zstd stream is one frame") {
   const Bytes whole = one_primitive();
   const Bytes content(whole.end() - 12, whole.end());  // sh0, the last stream
   Bytes bytes = whole;
-  replace_stream(bytes, 8, 1, zstd_frame(12, content));
+  replace_stream(bytes, 8, zstd_frame(12, content));
   CHECK(issues_of(bytes).empty());
   Bytes frames = zstd_frame(12, content);
   const Bytes empty = zstd_frame(0, {});
   frames.insert(frames.end(), empty.begin(), empty.end());
   bytes = whole;
-  replace_stream(bytes, 8, 1, frames);
+  replace_stream(bytes, 8, frames);
   CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
   CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
 }
@@ -383,41 +440,12 @@ TEST_CASE("a zstd stream is one frame") {
 TEST_CASE("an integer of a truncated float is below 2^24") {
   // The same bits as before, but as an integer of 30 bits.
   const Bytes whole = one_primitive();
-  CHECK(first_issue(whole, body_at(whole), kRows + 2 * kRow + 3, std::uint8_t{2}) == 407);
-}
-
-TEST_CASE("the bits that pad a plane are 0") {
-  Bytes whole = one_primitive();
-  const std::size_t at = body_at(whole), row = at + kRecord + kRows + 7 * kRow;  // opacity
-  put<std::uint8_t>(whole, row + 6, 2);
-  put<std::uint8_t>(whole, row + 7, 4);
-  for (std::uint8_t first : {std::uint8_t{0x01}, std::uint8_t{0x05}, std::uint8_t{0x81}}) {
-    const Bytes planes{first, 0, 0, 0};
-    Bytes bytes = whole;
-    put<std::uint64_t>(bytes, row + 17, XXH3_64bits(planes.data(), planes.size()));
-    replace_stream(bytes, 7, 0, planes);
-    CHECK(numbers_of(issues_of(bytes)) == (first == 1 ? std::set<int>{} : std::set<int>{408}));
-    CHECK(read_all(bytes).ok() == (first == 1));
-  }
+  CHECK(first_issue(whole, layouts_at(whole), kRows + 2 * kRow + 3, std::uint8_t{2}) == 407);
 }
 
 TEST_CASE("a segment's memory is not allocated before its streams can fill it") {
   constexpr std::uint32_t kClaim = 3'000'000;  // 240 MB of floats
-  const Bytes whole = one_primitive();
-  for (bool lying_frames : {false, true}) {
-    Bytes bytes = whole;
-    for (std::size_t i = 0; lying_frames && i < 9; ++i) {
-      const auto components =
-          get<std::uint8_t>(bytes, body_at(bytes) + kRecord + kRows + kRow * i + 2);
-      const auto digits = get<std::uint8_t>(bytes, body_at(bytes) + kRecord + kRows + kRow * i + 7);
-      replace_stream(bytes, i, 1, zstd_frame(kClaim * components * digits, {1, 2, 3}));
-    }
-    const std::size_t index = index_at(bytes), at = body_at(bytes);
-    put<std::uint64_t>(bytes, index + kRecord + 8, kClaim);
-    put<std::uint32_t>(bytes, index + kRecord + 24 + 24, kClaim);
-    seal_record(bytes, index);
-    put<std::uint32_t>(bytes, at + kRecord + 8, kClaim);
-    seal_record(bytes, at);
+  const auto check = [](const Bytes& bytes) {
     const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
     REQUIRE(reader.ok());
     const long before = peak_kib();
@@ -425,10 +453,34 @@ TEST_CASE("a segment's memory is not allocated before its streams can fill it") 
     CHECK(status.message().find("issue 405") != std::string::npos);
     CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
     CHECK(peak_kib() - before < 64 * 1024);
+  };
+  for (bool lying_frames : {false, true}) {
+    Bytes bytes = one_primitive();
+    for (std::size_t i = 0; lying_frames && i < kStreams; ++i) {
+      const std::size_t row = layouts_at(bytes) + kRecord + kRows + kRow * i;
+      const auto planes = get<std::uint8_t>(bytes, row + 2) * get<std::uint8_t>(bytes, row + 7);
+      replace_stream(bytes, i, zstd_frame(kClaim * static_cast<std::uint32_t>(planes), {1, 2, 3}));
+    }
+    claim(bytes, kClaim);
+    check(bytes);
   }
+  // Planes of one symbol take no bits, but each block of 2048 primitives has its lanes' states.
+  Scene scene = random_scene(1, 0, 30, 21);
+  scene.gaussians.opacity_logit[0] = 3.0f;
+  const std::vector<std::uint32_t> copies(10000, 0);
+  scene.gaussians = scene.gaussians.gather(copies);
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.tiers = 1;
+  auto constant = encode_scene(scene, settings);
+  REQUIRE(constant.ok());
+  CHECK(issues_of(*constant).empty());
+  CHECK(constant->size() < 2500);
+  claim(*constant, kClaim);
+  check(*constant);
 }
 
-TEST_CASE("the flags of META, INDX and SEGM are looked at") {
+TEST_CASE("the flags of META, LAYT, INDX and SEGM are looked at") {
   const Bytes whole = small_file(Profile::kLossless);
   const auto with_flags = [&](std::size_t at, std::uint32_t flags) {
     Bytes bytes = whole;
@@ -443,6 +495,8 @@ TEST_CASE("the flags of META, INDX and SEGM are looked at") {
     CHECK(with_flags(at, 3) == unknown);
     CHECK(with_flags(at, 0x80000001) == unknown);
   }
+  CHECK(with_flags(layouts_at(whole), 0).second == std::set<int>{116, 409});  // and none is left
+  CHECK(with_flags(layouts_at(whole), 3).first == StatusCode::kUnsupported);
   CHECK(with_flags(body_at(whole), 2) == not_critical);  // listed, so it cannot be skipped
   CHECK(with_flags(metadata_at(whole), 2).second == std::set<int>{115});
 }
@@ -519,13 +573,13 @@ TEST_CASE("random bytes and random changes with right checksums never crash a re
   for (int trial = 0; trial < 3000; ++trial) {
     Bytes bytes = whole;
     const std::size_t s = random() % segments.size();
-    const std::size_t payload = segments[s].bytes - kRecord;
+    const bool layouts = trial % 3 == 0;
+    const std::size_t record = layouts ? layouts_at(whole) : segments[s].offset;
+    const auto payload = get<std::uint64_t>(whole, record + 8);
     for (int change = 0; change < 3; ++change) {
-      // Mostly in the table, where the claims are.
-      const std::size_t reach = random() % 3 == 0 ? payload : std::min<std::size_t>(payload, 460);
-      bytes[segments[s].offset + kRecord + random() % reach] = static_cast<std::uint8_t>(random());
+      bytes[record + kRecord + random() % payload] = static_cast<std::uint8_t>(random());
     }
-    seal_record(bytes, segments[s].offset);
+    seal_record(bytes, record);
     const auto result = read_scene(memory_source(bytes), limits);
     (void)result;
     const auto issues = validate_scene(*memory_source(bytes), limits);

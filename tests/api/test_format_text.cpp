@@ -67,8 +67,9 @@ TEST_CASE("the example of the format's text is what the writer writes") {
     const std::string whole(bytes->begin(), bytes->end());
     return whole.find(tag);
   };
-  CHECK(text.find(fmt::format("META begins at {}, INDX at {}, SEGM at {}.", record_at("META"),
-                              record_at("INDX"), record_at("SEGM"))) != std::string::npos);
+  CHECK(text.find(fmt::format("META begins at {}, LAYT at {}, INDX at {}, SEGM at {}.",
+                              record_at("META"), record_at("LAYT"), record_at("INDX"),
+                              record_at("SEGM"))) != std::string::npos);
   const auto issues = validate_scene(*memory_source(*bytes));
   REQUIRE(issues.ok());
   CHECK(issues->empty());

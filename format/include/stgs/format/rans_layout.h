@@ -18,7 +18,7 @@ inline constexpr std::uint32_t kRansTotal = 1u << 12;  // sum of a table's frequ
 inline constexpr std::uint32_t kRansLow = 1u << 16;    // least state; a coded word has 16 bits
 inline constexpr std::size_t kRansLanes = 32;          // of a block, at most
 inline constexpr std::size_t kRansBlock = 2048;        // primitives of a block
-inline constexpr std::size_t kRansPlanes = 64;         // of a group, at most
+inline constexpr std::size_t kRansPlanes = 256;        // of a group, at most
 inline constexpr std::size_t kRansLaneSymbols = 64;    // of a lane in a plane, at most
 
 constexpr std::size_t rans_blocks(std::size_t n) {

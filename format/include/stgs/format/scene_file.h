@@ -16,11 +16,12 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 3;  // a file states the least that it needs
+inline constexpr std::uint16_t kFormatMinor = 4;
+inline constexpr std::uint16_t kOldestMinor = 4;  // those before were experiments
 
 enum class Profile : std::uint16_t {
   kLossless = 0,   // every float as trained
-  kQuantised = 1,  // bounded error, tiers by importance, Morton order, zstd a stream
+  kQuantised = 1,  // bounded error, tiers by importance, Morton order
 };
 
 // "lossless" or "quantised".
@@ -132,12 +133,20 @@ class SceneReader {
   virtual Result<std::vector<float>> importance() const = 0;
 };
 
+// What the planes of the quantised profile are coded with; the lossless one is always zstd's.
+enum class SceneCoder {
+  kRans,
+  kZstd,  // larger and slower to decode: for comparing
+};
+
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0.5;  // the timeline's chunk C
   int quality = 85;            // 0..100, quantised profile only
   int tiers = 3;               // 1..16, quantised profile only: parts of a segment by importance
-  int zstd_level = 9;          // 1..19
+  SceneCoder coder = SceneCoder::kRans;
+  int zstd_level = 9;        // 1..19
+  bool own_layouts = false;  // each record tells how it is coded, as one that is appended must
 };
 
 // The bytes of a whole file. `order`, where given, receives for each primitive of the file its

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "layout.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+// Numbers of the origin that are written: without the zeros at its end.
+std::size_t origins_of(const StreamRow& row) {
+  std::size_t count = std::size(row.origin);
+  while (count > 0 && std::bit_cast<std::uint32_t>(row.origin[count - 1]) == 0) --count;
+  return count;
+}
+
+void write_row(const StreamRow& row, ByteWriter& out) {  // spec 6.3
+  out.u16(row.attribute);
+  out.u8(row.components);
+  out.u8(row.mapping);
+  out.u8(row.prediction);
+  out.u8(row.coder);
+  out.u8(static_cast<std::uint8_t>(row.exponent));
+  out.u8(row.digits);
+  const std::size_t origins = origins_of(row);
+  out.u8(static_cast<std::uint8_t>(origins));
+  for (std::size_t d = 0; d < row.digits; ++d) out.u8(row.digit_bits[d]);
+  for (std::size_t i = 0; i < origins; ++i) out.f32(row.origin[i]);
+  for (std::uint16_t table : row.tables) out.u16(table);
+}
+
+// False where the bytes end or the row cannot be told from what follows.
+bool read_row(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
+  row.attribute = in.u16();
+  row.components = in.u8();
+  row.mapping = in.u8();
+  row.prediction = in.u8();
+  row.coder = in.u8();
+  row.exponent = static_cast<std::int8_t>(in.u8());
+  row.digits = in.u8();
+  const std::size_t origins = in.u8();
+  if (row.digits == 0 || row.digits > kMaxDigits || origins > std::size(row.origin)) {
+    findings.error(N::kStreamShape, offset,
+                   "layouts: a stream of {} digits, not 1 to {}, or of {} origins", row.digits,
+                   kMaxDigits, origins);
+    return false;
+  }
+  for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
+  for (std::size_t i = 0; i < origins; ++i) row.origin[i] = in.f32();
+  if (row.coder > static_cast<int>(Coder::kRans)) {
+    findings.unsupported(N::kStreamUnsupported, offset, "layouts: coder {} is unknown", row.coder);
+    return false;
+  }
+  if (static_cast<Coder>(row.coder) == Coder::kRans) {
+    for (std::size_t p = 0; p < row.planes() && in.ok(); ++p) row.tables.push_back(in.u16());
+  }
+  return in.ok();
+}
+
+// That the planes' tables exist.
+bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offset,
+                  Findings& findings) {
+  for (std::size_t p = 0; p < row.tables.size(); ++p) {
+    const std::size_t table = row.tables[p];
+    if (table >= set.tables.size()) {
+      findings.error(N::kLayouts, offset, "layouts: table {} of {}", table, set.tables.size());
+      return false;
+    }
+  }
+  return true;
+}
+
+bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Layout& layout,
+                 Findings& findings) {
+  const std::size_t rows = in.u8();
+  std::size_t coded = 0;
+  for (std::size_t i = 0; i < rows; ++i) {
+    const std::uint64_t at = offset + in.position();
+    StreamRow row;
+    if (!read_row(in, at, row, findings)) return false;
+    if (row.attribute >= kOptionalAttributes) {
+      if (static_cast<Coder>(row.coder) == Coder::kBytes) {
+        layout.streams.push_back(std::move(row));
+        continue;
+      }
+      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} is coded with rANS",
+                     row.attribute);
+      return false;
+    }
+    if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
+    for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
+    layout.streams.push_back(std::move(row));
+  }
+  if (coded > kRansPlanes) {
+    findings.error(N::kLayouts, offset, "layouts: a group of {} planes, more than {}", coded,
+                   kRansPlanes);
+    return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+bool Layout::has_group() const {
+  return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
+    return static_cast<Coder>(row.coder) == Coder::kRans;
+  });
+}
+
+bool Layout::has_first_key() const {
+  return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
+    return row.attribute < kOptionalAttributes &&
+           static_cast<Prediction>(row.prediction) == Prediction::kMorton;
+  });
+}
+
+std::int16_t only_symbol(const RansTable& table) {
+  for (std::size_t s = 0; s < table.frequency.size(); ++s) {
+    if (table.frequency[s] == kRansTotal) return static_cast<std::int16_t>(s);
+  }
+  return -1;
+}
+
+void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
+  out.u16(static_cast<std::uint16_t>(set.tables.size()));
+  for (const RansTable& table : set.tables) write_rans_table(table, out);
+  out.u16(static_cast<std::uint16_t>(set.layouts.size()));
+  for (const Layout& layout : set.layouts) {
+    out.u8(static_cast<std::uint8_t>(layout.streams.size()));
+    for (const StreamRow& row : layout.streams) write_row(row, out);
+  }
+}
+
+bool parse_layouts(ByteReader& in, std::uint64_t offset, LayoutSet& set, Findings& findings) {
+  const std::size_t tables = in.u16();
+  if (tables > kMaxTables) {
+    findings.error(N::kLayouts, offset, "layouts: {} tables, more than {}", tables, kMaxTables);
+    return false;
+  }
+  for (std::size_t i = 0; i < tables; ++i) {
+    auto table = read_rans_table(in);
+    if (!table.ok()) {
+      findings.error(N::kLayouts, offset, "layouts: {}", table.status().message());
+      return false;
+    }
+    set.only.push_back(only_symbol(*table));
+    set.tables.push_back(*table);
+    set.lookups.emplace_back();
+    if (set.only.back() < 0) rans_lookup(*table, set.lookups.back());
+  }
+  const std::size_t layouts = in.u16();
+  for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
+    Layout layout;
+    if (!read_layout(in, offset, set, layout, findings)) break;
+    set.layouts.push_back(std::move(layout));
+  }
+  if (!in.ok()) {
+    findings.error(N::kLayouts, offset, "layouts: their bytes end too early");
+    return false;
+  }
+  return set.layouts.size() == layouts;
+}
+
+}  // namespace stgs

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the records of a file have in common (spec 6.2): layouts, the streams of a kind of record,
+// and the tables that their planes are coded with.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "rans.h"
+#include "stream.h"
+
+namespace stgs {
+
+inline constexpr std::size_t kMaxTables = 1024;      // 16 KiB each, once they can be looked up
+inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // a record has its layout in itself
+
+struct Layout {
+  std::vector<StreamRow> streams;
+
+  bool has_group() const;      // a stream is coded with rANS
+  bool has_first_key() const;  // a stream has prediction kMorton
+  bool operator==(const Layout&) const = default;
+};
+
+struct LayoutSet {
+  std::vector<RansTable> tables;
+  std::vector<Layout> layouts;
+  // What parse_layouts adds: a table's only symbol, or -1, and the slots of the others.
+  std::vector<std::int16_t> only;
+  std::vector<RansLookup> lookups;
+};
+
+// A table's only symbol, or -1 where it has several.
+std::int16_t only_symbol(const RansTable& table);
+
+void write_layouts(const LayoutSet& set, ByteWriter& out);
+// Takes a set from `in`, whose first byte is byte `offset` of the file.
+bool parse_layouts(ByteReader& in, std::uint64_t offset, LayoutSet& set, Findings& findings);
+
+}  // namespace stgs

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <stdexcept>
+
+#include "bytes.h"
+#include "planes.h"
+#include "segment.h"
+
+namespace stgs {
+
+SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes,
+                             const RecordCoding& coding) {  // spec 6.1
+  const Layout& layout = coding.set->layouts[coding.layout];
+  SegmentPayload out;
+  std::vector<std::uint8_t> varying;  // the planes that are no constants
+  std::vector<std::vector<std::uint8_t>> streams;
+  std::vector<RansPlane> group;
+  const std::uint8_t* at = planes.symbols.data();
+  for (const StreamRow& row : layout.streams) {
+    const std::span all(at, row.planes() * planes.n);
+    at += all.size();
+    streams.emplace_back();
+    if (static_cast<Coder>(row.coder) == Coder::kBytes) {
+      varying.insert(varying.end(), all.begin(), all.end());
+      streams.back() = compress_planes(all, planes.n, coding.zstd_level);
+    }
+    for (std::size_t p = 0; p < row.tables.size(); ++p) {
+      const std::uint16_t table = row.tables[p];
+      if (coding.set->only[table] >= 0) continue;
+      const auto plane = all.subspan(p * planes.n, planes.n);
+      varying.insert(varying.end(), plane.begin(), plane.end());
+      group.push_back({plane, &coding.set->tables[table]});
+    }
+    out.stored.push_back(streams.back().size());
+  }
+  ByteWriter to;
+  to.u16(static_cast<std::uint16_t>(entry.level));
+  to.u16(entry.layer);
+  to.u32(entry.slot);
+  to.u32(entry.primitives);
+  to.u16(coding.own ? kOwnLayout : coding.layout);
+  to.u64(checksum(varying));
+  if (coding.own) write_layouts(*coding.set, to);
+  if (layout.has_first_key()) to.u64(planes.first_key);
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    if (static_cast<Coder>(layout.streams[i].coder) == Coder::kBytes) to.u64(streams[i].size());
+  }
+  for (const auto& stream : streams) to.bytes(stream);
+  if (layout.has_group()) {
+    const auto coded = rans_encode(group, planes.n);
+    if (!coded.ok()) throw std::runtime_error(coded.status().message());
+    to.bytes(*coded);
+  }
+  out.bytes = to.take();
+  return out;
+}
+
+}  // namespace stgs
