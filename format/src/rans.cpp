@@ -69,7 +69,7 @@ Result<RansGroupDecoder> RansGroupDecoder::open(std::span<const std::uint8_t> by
 }
 
 void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
-  parallel_blocks(std::size_t{0}, rans_blocks(n_), kGrain, [&](std::size_t begin, std::size_t end) {
+  const auto decode = [&](std::size_t begin, std::size_t end) {
     for (std::size_t b = begin; b < end; ++b) {
       std::uint8_t* const first = out + b * kRansBlock;
       if (scalar_) {
@@ -78,7 +78,13 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
         rans_decode_vector(blocks_[b], lookup, block_size(n_, b), first);
       }
     }
-  });
+  };
+  const std::size_t count = rans_blocks(n_);
+  if (count <= kGrain) {  // to start a task takes as long as to decode a short block
+    decode(0, count);
+  } else {
+    parallel_blocks(std::size_t{0}, count, kGrain, decode);
+  }
 }
 
 bool RansGroupDecoder::finish() const {

@@ -7,7 +7,6 @@
 #include "bytes.h"
 #include "segment.h"
 #include "stgs/format/parallel.h"
-#include "values.h"
 
 namespace stgs {
 namespace {
@@ -88,8 +87,8 @@ class Reader final : public SceneReader {
       SegmentRecords records;
       Gaussians4D set;
       if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
-          findings.ok() && decode_segment(records, head_, segment, set, findings)) {
-        check_primitives(set, segment, segments_[segment].offset, findings);
+          findings.ok()) {
+        decode_segment(records, head_, segment, set, findings);
       }
       if (!findings.ok()) return findings.status(source_->name());
       return set;

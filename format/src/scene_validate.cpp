@@ -19,7 +19,6 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.base.offset;
   const std::size_t n = set.size();
-  check_primitives(set, segment, at, findings);
   const Interval interval = interval_of(head, entry);
   const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,

@@ -8,6 +8,7 @@
 
 #include "bytes.h"
 #include "stgs/format/parallel.h"
+#include "values.h"
 
 namespace stgs {
 namespace {
@@ -216,11 +217,11 @@ class RecordDecoder {
     return false;
   }
 
-  void map(const DecodedPlanes& decoded, const SegmentContext& context, Gaussians4D& set) {
+  // Adds what is to be mapped; `decoded` must outlive it.
+  void add_tasks(const DecodedPlanes& decoded, std::vector<StreamTask>& tasks) const {
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
-      const StreamRow& row = layout_.streams[i];
-      if (!is_known(row)) continue;
-      map_stream(row, decoded.planes[i], context, {ordinal_, record_.payload_at}, set, findings_);
+      if (is_known(layout_.streams[i]))
+        tasks.push_back({&layout_.streams[i], decoded.planes[i].data()});
     }
   }
 
@@ -262,6 +263,7 @@ class RecordDecoder {
 
   // The streams that are not rANS.
   bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) {
+    if (std::all_of(layout_.streams.begin(), layout_.streams.end(), is_coded)) return true;
     std::vector<const char*> problems(places.size());
     parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
       const std::span<const std::uint8_t> stored = record_.streams[i];
@@ -293,6 +295,17 @@ class RecordDecoder {
   Findings& findings_;
   std::optional<RansGroupDecoder> group_;
 };
+
+void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
+             std::uint32_t ordinal, std::uint64_t offset, Gaussians4D& set, Findings& findings) {
+  const MapResult result = map_streams(tasks, context, set);
+  for (std::size_t t = 0; t < tasks.size(); ++t) {
+    if (result.in_range[t]) continue;
+    findings.error(N::kStreamValue, offset, "segment {}, {}: an integer is out of range", ordinal,
+                   name_of(static_cast<Attribute>(tasks[t].row->attribute)));
+  }
+  if (!result.drawable) check_primitives(set, ordinal, offset, findings);
+}
 
 }  // namespace
 
@@ -331,10 +344,12 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
     context.begin =
         interval_of(entry.level, entry.slot, head.index.chunk_ticks, context.frames).begin;
     context.first_key = records.base.first_key;
-    for (RecordDecoder& decoder : decoders) {
-      DecodedPlanes planes;
-      if (decoder.decode(planes)) decoder.map(planes, context, set);
+    std::vector<DecodedPlanes> planes(decoders.size());
+    std::vector<StreamTask> tasks;
+    for (std::size_t d = 0; d < decoders.size(); ++d) {
+      if (decoders[d].decode(planes[d])) decoders[d].add_tasks(planes[d], tasks);
     }
+    if (found.ok()) map_all(tasks, context, ordinal, entry.offset, set, found);
   }
   const bool good = found.ok();
   findings.append(std::move(found));

@@ -57,8 +57,8 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_harmonics, SegmentRecords& records, Findings& findings);
 
-// Decodes all streams into `set`, whose arrays are made no larger than the bytes can fill; what
-// could be decoded is in it even where the answer is false.
+// Decodes all streams into `set`, whose arrays are made no larger than the bytes can fill, and
+// checks that its primitives can be drawn (check_primitives).
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                     Gaussians4D& set, Findings& findings);
 

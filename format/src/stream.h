@@ -3,7 +3,9 @@
 // (spec 7). How the planes are coded is a matter of the record (segment.h).
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -75,11 +77,6 @@ struct Integers {
   std::vector<std::uint64_t> morton;  // instead of values: ascending keys
 };
 
-// Where a message says it happened.
-struct StreamPlace {
-  std::uint32_t segment = 0;
-  std::uint64_t offset = 0;  // of the record's payload, or of a layout's row
-};
 // What the records of a segment are mapped with, beside their layouts.
 struct SegmentContext {
   std::uint32_t frames = 0;
@@ -88,16 +85,35 @@ struct SegmentContext {
 };
 // Checks a row against what this version knows.
 bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings);
-// From the row's planes to floats in `set`, whose arrays have their size. Velocity needs sigma and
-// radius, rotation the log-scales.
-bool map_stream(const StreamRow& row, std::span<const Plane> planes, const SegmentContext& context,
-                StreamPlace place, Gaussians4D& set, Findings& findings);
+// A stream that is to be mapped: neither is owned.
+struct StreamTask {
+  const StreamRow* row = nullptr;
+  const Plane* planes = nullptr;  // row->planes() of them
+};
+// What map_streams has found.
+struct MapResult {
+  std::vector<bool> in_range;  // by task: no integer of it is too large
+  bool drawable = true;        // every primitive is one that can be drawn (values.h)
+};
+// From planes to floats in `set`, whose arrays have their size. Velocity needs sigma and radius,
+// rotation the log-scales: these must come before.
+MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
+                      Gaussians4D& set);
 
 // What a primitive of these log-scales adds to the exponent of its rotation (spec 7.5.7): a turn of
 // what is nearly round is hard to see.
-int rotation_shift(const float* log_scale);
+inline int rotation_shift(const float* log_scale) {
+  const float least = std::min(std::min(log_scale[0], log_scale[1]), log_scale[2]);
+  const float most = std::max(std::max(log_scale[0], log_scale[1]), log_scale[2]);
+  const float length = most - least;
+  return 3 - (length >= 0.125f) - (length >= 0.5f) - (length >= 1.25f) - (length >= 2.375f) -
+         (length >= 3.75f) - (length >= 5.0f);
+}
 // floor(log2) of the lifespan that scales a displacement (spec 7.5.4).
-int lifespan_exponent(float sigma, float radius, std::uint32_t frames);
+inline int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
+  const float lifespan = std::min(radius + 2.0f * sigma, static_cast<float>(frames));
+  return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
+}
 // The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
 std::int64_t first_moment(double begin, int exponent);
 

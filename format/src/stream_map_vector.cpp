@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: Apache-2.0
+// Maps planes to floats, a block of primitives at a time, in loops that a compiler turns into the
+// machine's vector instructions: each goes over a whole block, with zeros behind the last
+// primitive.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+#include "stream_map.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "stream_map_vector.cpp"
+#include <hwy/foreach_target.h>
+// After foreach_target.h, which includes this file once a target.
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace stgs::HWY_NAMESPACE {
+namespace {
+
+constexpr std::size_t kBlock = 64;          // primitives: the harmonics that they get fit a cache
+constexpr std::size_t kAhead = 2 * kBlock;  // symbols of a plane between their fetch and their use
+using Numbers = std::uint32_t[kBlock];
+using Keys = std::uint64_t[kBlock];
+using Floats = float[kBlock];
+
+// 2^e; e outside the normal range is clamped (spec 7.5).
+HWY_INLINE float power_of_two(int e) {
+  return std::bit_cast<float>(static_cast<std::uint32_t>(std::clamp(e, -126, 127) + 127) << 23);
+}
+
+// Values [first, first + count) of the component whose digits `planes` are.
+template <typename Value>
+HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t first,
+                     std::size_t count, Value (&out)[kBlock]) {
+  Value same = 0;
+  int shift = 0;
+  for (std::size_t d = 0; d < row.digits; shift += row.digit_bits[d++]) {
+    if (planes[d].symbols == nullptr) same |= Value{planes[d].only} << shift;
+  }
+  for (Value& v : out) v = same;
+  shift = 0;
+  for (std::size_t d = 0; d < row.digits; shift += row.digit_bits[d++]) {
+    if (planes[d].symbols == nullptr) continue;
+    std::uint8_t digits[kBlock];
+    // Planes are too many for the processor to foresee where each goes on.
+    __builtin_prefetch(planes[d].symbols + first + kAhead);
+    if (count == kBlock) {  // a copy of known size is a load
+      std::memcpy(digits, planes[d].symbols + first, kBlock);
+    } else {
+      std::memset(digits, 0, kBlock);
+      std::memcpy(digits, planes[d].symbols + first, count);
+    }
+    for (std::size_t i = 0; i < kBlock; ++i) out[i] |= Value{digits[i]} << shift;
+  }
+  for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
+}
+
+HWY_INLINE void undo_prediction(Prediction prediction, std::uint64_t& carry, Numbers& q) {
+  if (prediction == Prediction::kPlain) return;
+  for (std::size_t i = 0; i < kBlock; ++i) q[i] = unzigzag(q[i]);
+  if (prediction == Prediction::kZigzag) return;
+  auto sum = static_cast<std::uint32_t>(carry);
+  for (std::size_t i = 0; i < kBlock; ++i) q[i] = sum += q[i];
+  carry = sum;
+}
+
+// Whether all |q| fit 24 bits.
+HWY_INLINE bool in_range(const Numbers& q) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = 0; i < kBlock; ++i) bad |= (q[i] + (1u << 24)) >> 25;
+  return bad == 0;
+}
+
+HWY_INLINE void to_floats(const Numbers& q, Floats& out) {
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    out[i] = static_cast<float>(static_cast<std::int32_t>(q[i]));
+  }
+}
+
+HWY_INLINE void map_linear(float origin, int exponent, const Numbers& q, Floats& out) {
+  const float step = power_of_two(exponent);
+  to_floats(q, out);
+  for (std::size_t i = 0; i < kBlock; ++i) out[i] = origin + step * out[i];
+}
+
+HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& out) {
+  const auto first = std::bit_cast<std::uint32_t>(row.origin[0]);
+  if (first >= 0x7F800000) return false;
+  const std::uint32_t most = (0x7F7FFFFF - first) >> row.exponent;
+  std::uint32_t bad = 0;
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    bad |= q[i] > most ? 1u : 0u;
+    out[i] = std::bit_cast<float>(first + (q[i] << row.exponent)) - row.origin[1];
+  }
+  return bad == 0;
+}
+
+// The steps of displacements over these lifespans.
+HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set,
+                                   std::uint32_t frames, std::size_t first, std::size_t count,
+                                   Floats& out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], frames);
+    out[i] = power_of_two(row.exponent - life);
+  }
+  for (std::size_t i = count; i < kBlock; ++i) out[i] = 0.0f;
+}
+
+HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set, std::size_t first,
+                                   std::size_t count, int (&out)[kBlock]) {
+  const bool shaped = static_cast<Mapping>(row.mapping) == Mapping::kShapedRotation;
+  for (int& e : out) e = row.exponent;
+  const float* log_scale = set.log_scale.data() + 3 * first;
+  for (std::size_t i = 0; shaped && i < count; ++i) out[i] += rotation_shift(log_scale + 3 * i);
+  for (int& e : out) e = std::clamp(e, kFinestRotation, kCoarsestRotation);
+}
+
+// w, x, y, z: exact in doubles but for the square root, which rounds correctly (spec 7.5.5).
+HWY_INLINE bool map_rotation(const Numbers (&q)[3], const int (&exponents)[kBlock],
+                             Floats (&out)[4]) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    const double x = static_cast<std::int32_t>(q[0][i]), y = static_cast<std::int32_t>(q[1][i]),
+                 z = static_cast<std::int32_t>(q[2][i]);
+    const float one = power_of_two(-2 * exponents[i]);
+    const double rest = static_cast<double>(one) - x * x - y * y - z * z;
+    bad |= rest > 0.0 ? 0u : 1u;
+    out[0][i] = static_cast<float>(rest > 0.0 ? rest : 0.0);
+  }
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    out[0][i] = power_of_two(exponents[i]) * std::sqrt(out[0][i]);
+  }
+  for (std::size_t c = 0; c < 3; ++c) {
+    to_floats(q[c], out[c + 1]);
+    for (std::size_t i = 0; i < kBlock; ++i) out[c + 1][i] *= power_of_two(exponents[i]);
+  }
+  return bad == 0;
+}
+
+// Channels from luma and chroma, in integers (spec 7.5.6).
+HWY_INLINE void map_colour(const StreamRow& row, const Numbers (&q)[3], Floats (&out)[4]) {
+  Numbers red, green, blue;
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    const std::uint32_t luma = q[0][i], orange = q[1][i], chroma = q[2][i];
+    red[i] = luma - chroma + orange;
+    green[i] = luma + chroma;
+    blue[i] = luma - chroma - orange;
+  }
+  map_linear(0.0f, row.exponent, red, out[0]);
+  map_linear(0.0f, row.exponent, green, out[1]);
+  map_linear(0.0f, row.exponent, blue, out[2]);
+}
+
+template <std::size_t kCount>
+HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::size_t stride) {
+  for (std::size_t i = 0; i < count; ++i, to += stride) {
+    for (std::size_t c = 0; c < kCount; ++c) to[c] = from[c][i];
+  }
+}
+
+// A block of one component.
+bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
+                   Numbers& q, Floats& out) {
+  switch (static_cast<Mapping>(row.mapping)) {
+    case Mapping::kFloat:
+      for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
+      return true;
+    case Mapping::kTruncated:
+      return in_range(q) && map_truncated(row, q, out);
+    case Mapping::kDisplacement:
+      to_floats(q, out);
+      for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
+      return in_range(q);
+    case Mapping::kMoment: {
+      const bool good = in_range(q);
+      for (std::uint32_t& v : q) v += static_cast<std::uint32_t>(base);
+      map_linear(row.origin[0], row.exponent, q, out);
+      return good;
+    }
+    default:
+      map_linear(row.origin[component % 3], row.exponent, q, out);
+      return in_range(q);
+  }
+}
+
+// Three components that make three or four floats together.
+bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers (&q)[3],
+               Floats (&out)[4]) {
+  const bool good = in_range(q[0]) && in_range(q[1]) && in_range(q[2]);
+  if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
+    return map_rotation(q, exponents, out) && good;
+  }
+  map_colour(row, q, out);
+  return good;
+}
+
+// Primitives [begin, end) of a stream of floats or integers; `carry` is the sum of those before,
+// and after it of these too.
+bool map_values(const StreamTask& task, const SegmentContext& context, std::size_t begin,
+                std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
+  const StreamRow& row = *task.row;
+  const auto mapping = static_cast<Mapping>(row.mapping);
+  const auto prediction = static_cast<Prediction>(row.prediction);
+  const AttributeView<float> view = view_of(set, static_cast<Attribute>(row.attribute));
+  const std::int64_t base = first_moment(context.begin, row.exponent);
+  const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
+  const bool together = rotation || mapping == Mapping::kColour;
+  HWY_ALIGN Numbers q[3];
+  HWY_ALIGN Floats floats[4], steps;
+  HWY_ALIGN int exponents[kBlock];
+  bool good = true;
+  for (std::size_t first = begin; first < end; first += kBlock) {
+    const std::size_t count = std::min(kBlock, end - first);
+    float* const to = view.data + first * view.stride;
+    if (rotation) rotation_exponents(row, set, first, count, exponents);
+    if (mapping == Mapping::kDisplacement)
+      displacement_steps(row, set, context.frames, first, count, steps);
+    for (std::size_t c = 0; c < row.components; ++c) {
+      Numbers& block = q[together ? c % 3 : 0];
+      load(row, task.planes + c * row.digits, first, count, block);
+      undo_prediction(prediction, carry[c], block);
+      if (!together) {
+        good &= map_component(row, static_cast<int>(c), base, steps, block, floats[0]);
+        store<1>(floats, count, to + c, view.stride);
+      } else if (c % 3 == 2) {
+        good &= map_three(row, exponents, q, floats);
+        rotation ? store<4>(floats, count, to, view.stride)
+                 : store<3>(floats, count, to + c - 2, view.stride);
+      }
+    }
+  }
+  return good;
+}
+
+// The same of keys.
+bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* carry,
+              Gaussians4D& set) {
+  const StreamRow& row = *task.row;
+  HWY_ALIGN Keys keys;
+  HWY_ALIGN Numbers q;
+  HWY_ALIGN Floats floats[3];
+  std::uint64_t key = *carry, overflow = key;
+  for (std::size_t first = begin; first < end; first += kBlock) {
+    const std::size_t count = std::min(kBlock, end - first);
+    load(row, task.planes, first, count, keys);
+    for (std::size_t i = 0; i < kBlock; ++i) {
+      overflow |= keys[i];
+      key += keys[i];
+      overflow |= key;
+      keys[i] = key;
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t i = 0; i < kBlock; ++i) q[i] = compact3(keys[i] >> axis);
+      map_linear(row.origin[axis], row.exponent, q, floats[axis]);
+    }
+    store<3>(floats, count, set.position.data() + 3 * first, 3);
+  }
+  *carry = key;
+  return overflow >> 63 == 0;
+}
+
+bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
+              std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
+  if (static_cast<Prediction>(task.row->prediction) == Prediction::kMorton)
+    return map_keys(task, begin, end, carry, set);
+  return map_values(task, context, begin, end, carry, set);
+}
+
+void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* sums) {
+  const StreamRow& row = *task.row;
+  const bool keys = static_cast<Prediction>(row.prediction) == Prediction::kMorton;
+  HWY_ALIGN Keys wide;
+  HWY_ALIGN Numbers q;
+  for (std::size_t first = begin; first < end; first += kBlock) {
+    const std::size_t count = std::min(kBlock, end - first);
+    for (std::size_t c = 0; c < row.components; ++c) {
+      std::uint64_t sum = 0;
+      if (keys) {
+        load(row, task.planes, first, count, wide);
+        for (const std::uint64_t v : wide) sum += v;
+      } else {
+        load(row, task.planes + c * row.digits, first, count, q);
+        for (const std::uint32_t v : q) sum += unzigzag(v);
+      }
+      sums[c] += sum;
+    }
+  }
+}
+
+bool all_finite(const std::vector<float>& values, std::size_t begin, std::size_t end) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    const std::uint32_t bits = std::bit_cast<std::uint32_t>(values[i]) & 0x7F800000;
+    bad |= bits == 0x7F800000 ? 1u : 0u;
+  }
+  return bad == 0;
+}
+
+bool can_be_drawn(const Gaussians4D& set, std::size_t begin, std::size_t end) {
+  const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
+  std::uint32_t bad = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    bad |= set.sigma[i] > 0.0f ? 0u : 1u;
+    bad |= set.radius[i] >= 0.0f ? 0u : 1u;
+    const float* q = set.rotation.data() + 4 * i;
+    bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
+  }
+  return bad == 0 && all_finite(set.position, 3 * begin, 3 * end) &&
+         all_finite(set.log_scale, 3 * begin, 3 * end) &&
+         all_finite(set.rotation, 4 * begin, 4 * end) &&
+         all_finite(set.opacity_logit, begin, end) && all_finite(set.sh, sh * begin, sh * end) &&
+         all_finite(set.time, begin, end) && all_finite(set.velocity, 3 * begin, 3 * end) &&
+         all_finite(set.sigma, begin, end) && all_finite(set.radius, begin, end);
+}
+
+}  // namespace
+}  // namespace stgs::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace stgs {
+
+HWY_EXPORT(map_task);
+HWY_EXPORT(sum_task);
+HWY_EXPORT(can_be_drawn);
+
+bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
+              std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
+  return HWY_DYNAMIC_DISPATCH(map_task)(task, context, begin, end, carry, set);
+}
+
+void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* sums) {
+  HWY_DYNAMIC_DISPATCH(sum_task)(task, begin, end, sums);
+}
+
+bool can_be_drawn(const Gaussians4D& set, std::size_t begin, std::size_t end) {
+  return HWY_DYNAMIC_DISPATCH(can_be_drawn)(set, begin, end);
+}
+
+}  // namespace stgs
+#endif
