@@ -64,12 +64,11 @@ double mean_importance(const std::vector<std::uint32_t>& members,
   return sum / static_cast<double>(members.size());
 }
 
-// All segments of all parts, tier after tier, and the parts' rows.
+// All segments of all parts, tier after tier.
 std::vector<SegmentMembers> cut(const Encoding& encoding, const std::vector<PartRange>& parts,
                                 Body& body) {
   std::vector<SegmentMembers> segments;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    std::uint32_t count = 0;
     for (SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
                                              encoding.frames, encoding.quantiser == nullptr)) {
       int tier = 0;
@@ -83,10 +82,9 @@ std::vector<SegmentMembers> cut(const Encoding& encoding, const std::vector<Part
         entry.base.primitives = static_cast<std::uint32_t>(segment.members.size());
         body.index.segments.push_back(entry);
         segments.push_back(std::move(segment));
-        ++count;
       }
     }
-    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, count});
+    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0});
   }
   return segments;
 }
@@ -188,10 +186,11 @@ class BodyWriter {
       return;
     }
     const IndexEntry& entry = body_.index.segments[s].base;
-    const double begin =
-        interval_of(entry.level, entry.slot, encoding_.chunk_ticks, encoding_.frames).begin;
+    const double begin = begin_of(entry.level, entry.slot, encoding_.chunk_ticks);
+    const PartEntry& in = body_.parts[body_.index.segments[s].part];
     std::vector<std::uint32_t> order;
-    integers_[s] = encoding_.quantiser->quantise(part, groups_[group_of_[s]].steps, begin, order);
+    integers_[s] = encoding_.quantiser->quantise(part, groups_[group_of_[s]].steps, begin,
+                                                 static_cast<float>(in.end - in.begin), order);
     for (std::uint32_t& i : order) i = members[i];
     members = std::move(order);
   }

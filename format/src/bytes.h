@@ -20,6 +20,11 @@ class ByteWriter {
   void u64(std::uint64_t v) { put(v, 8); }
   void f32(float v) { u32(std::bit_cast<std::uint32_t>(v)); }
   void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
+  // 7 bits a byte, the lowest first; bit 7: more bytes follow (spec 1.8).
+  void varint(std::uint64_t v) {
+    for (; v >= 0x80; v >>= 7) u8(static_cast<std::uint8_t>(v | 0x80));
+    u8(static_cast<std::uint8_t>(v));
+  }
   void bytes(std::span<const std::uint8_t> v) { out_.insert(out_.end(), v.begin(), v.end()); }
   // u32 length, then the bytes.
   void string(std::string_view v) {
@@ -38,7 +43,8 @@ class ByteWriter {
   std::vector<std::uint8_t> out_;
 };
 
-// Takes fields from a buffer. Past the end it returns zeros and ok() turns false for good.
+// Takes fields from a buffer. Past the end, or at a varint that is not one, it returns zeros and
+// ok() turns false for good.
 class ByteReader {
  public:
   explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -49,6 +55,19 @@ class ByteReader {
   std::uint64_t u64() { return get(8); }
   float f32() { return std::bit_cast<float>(u32()); }
   double f64() { return std::bit_cast<double>(u64()); }
+  std::uint64_t varint() {
+    std::uint64_t v = 0;
+    for (int shift = 0; shift < 64; shift += 7) {
+      const std::uint8_t byte = u8();
+      v |= std::uint64_t{byte & 0x7Fu} << shift;
+      if ((byte & 0x80) != 0) continue;
+      // The shortest form of at most 64 bits, so that a number has one form only.
+      ok_ = ok_ && (shift == 0 || byte != 0) && (shift < 63 || byte == 1);
+      return ok_ ? v : 0;
+    }
+    ok_ = false;
+    return 0;
+  }
   std::span<const std::uint8_t> bytes(std::uint64_t count) {
     if (!ok_ || count > bytes_.size() - at_) {
       ok_ = false;

@@ -32,7 +32,6 @@ constexpr std::uint32_t tag_of(const char (&text)[5]) {
 inline constexpr std::uint32_t kMetadataTag = tag_of("META");
 inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
 inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
-inline constexpr std::uint32_t kPartsTag = tag_of("PART");
 inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
 inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
@@ -63,6 +62,7 @@ enum class Content : std::uint8_t {
   kPrimitives = 0,  // all attributes; the harmonics above degree 0 may be left to the next
   kHarmonics = 1,
 };
+inline constexpr int kLastContent = 1;  // that this version knows
 inline constexpr int kMaxTiers = 256;
 constexpr std::uint16_t layer_of(Content content, int tier) {
   return static_cast<std::uint16_t>(static_cast<int>(content) << 8 | tier);
@@ -74,7 +74,7 @@ constexpr int content_of(std::uint16_t layer) {
   return layer >> 8;
 }
 
-// One INDX entry (spec 5.3).
+// One record that the index lists (spec 5.3).
 struct IndexEntry {
   std::int16_t level = 0;
   std::uint16_t layer = 0;  // content and tier (spec 5.7)
@@ -87,13 +87,13 @@ struct IndexEntry {
 // that the former leaves out.
 struct SegmentEntry {
   IndexEntry base, harmonics;  // harmonics.bytes = 0: there is no such record
-  std::uint32_t part = 0;      // follows from PART
+  std::uint32_t part = 0;
 };
 
-// A row of PART (spec 5.10).
+// A part of the index (spec 5.3).
 struct PartEntry {
   double begin = 0, end = 0;  // ticks
-  std::uint32_t segments = 0;
+  std::uint64_t skip = 0;     // bytes between the records of the part before and its own
 };
 
 struct AttributeBytes {
@@ -108,28 +108,29 @@ struct FileIndex {
   std::vector<AttributeBytes> attributes;
 };
 
-// The interval [begin, end) of a segment in ticks (spec 5.4).
+// [begin, end) in ticks.
 struct Interval {
   double begin = 0, end = 0;
 };
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, std::uint32_t frames);
+// Where a place begins, whatever its part.
+double begin_of(int level, std::uint32_t slot, double chunk_ticks);
+// The interval of a segment: that of its place within its part's (spec 5.4).
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part);
 
 std::vector<std::uint8_t> write_header(const FileHeader& header);
 // Header and payload of a record.
 std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload,
                                        std::uint32_t flags = kCritical);
 std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata);
-std::vector<std::uint8_t> write_index(FileIndex& index);
-std::vector<std::uint8_t> write_parts(std::span<const PartEntry> parts);
+// The segments are listed part after part.
+std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts);
 std::vector<std::uint8_t> write_window(const CaptureWindow& window);
 // The importances in the order of the file's primitives.
 std::vector<std::uint8_t> write_importance(std::span<const float> importance,
                                            std::span<const std::uint32_t> order);
-// The index's rows in the order of their records in the file (spec 5.6): the segments of an
-// interval tier after tier, then their harmonics.
+// The records of an index in the order of the file (spec 5.6): those of a place tier after tier,
+// then their harmonics.
 std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments);
-// Bytes of write_index() for so many records and attributes.
-std::uint64_t index_bytes(std::size_t records, std::size_t attributes);
 
 // Each parser reports what is wrong and returns whether its result can be used for going on.
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
@@ -152,31 +153,19 @@ struct FileHead {
   FileHeader header;
   FileMetadata metadata;
   LayoutSet layouts;
-  std::vector<PartEntry> parts;  // one of the whole timeline where the file states none
+  std::vector<PartEntry> parts;
   FileIndex index;
 };
-bool parse_parts(std::span<const std::uint8_t> payload, std::uint64_t offset, std::uint32_t frames,
-                 std::vector<PartEntry>& parts, Findings& findings);
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
                   SceneMetadata& metadata, Findings& findings);
-// Into head.index; the header, the metadata and the parts are there.
-bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const ReadLimits& limits, FileHead& head, Findings& findings);
-// Walks the parts once along the segments, since both may be as many as a file has room for.
-class PartCursor {
- public:
-  // `parts`, not owned, must outlive it.
-  explicit PartCursor(std::span<const PartEntry> parts) : parts_(parts) {}
-  // Whether a segment, never one before the last that was asked for, is the first of a part.
-  bool begins_part(std::uint64_t segment);
-
- private:
-  std::span<const PartEntry> parts_;
-  std::size_t next_ = 0;     // the first part that begins at the segment or after it
-  std::uint64_t first_ = 0;  // its first segment
+// Where the records of an index lie in the file.
+struct RecordArea {
+  std::uint64_t begin = 0, end = 0;
 };
-// Tells each segment its part, where the index has those that the parts count.
-bool assign_parts(FileHead& head, std::uint64_t offset, Findings& findings);
+// Adds to head.parts and head.index; header and metadata are there.
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                 const RecordArea& area, const ReadLimits& limits, FileHead& head,
+                 Findings& findings);
 // That the window lies in its capture (spec 4.5).
 void check_window(const SceneMetadata& metadata, Findings& findings);
 // The moments at which a segment's primitives are drawn: its interval within its part's.

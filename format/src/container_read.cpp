@@ -13,7 +13,7 @@ namespace {
 
 using N = IssueNumber;
 
-constexpr int kMaxLevel = 30;
+constexpr std::uint64_t kWindowBytes = 24;
 
 bool all_finite(std::span<const float> values) {
   return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
@@ -37,145 +37,6 @@ void check_start_camera(const StartCamera& camera, std::uint64_t offset, Finding
   }
 }
 
-bool check_entry(const IndexEntry& entry, std::size_t i, std::uint64_t offset,
-                 const FileHeader& header, const FileIndex& index, std::uint32_t frames,
-                 std::uint64_t body_at, Findings& findings) {
-  const bool level_ok = entry.level >= -1 && entry.level <= kMaxLevel;
-  if (!level_ok || (entry.level == -1 && entry.slot != 0) ||
-      interval_of(entry.level, entry.slot, index.chunk_ticks, frames).begin >= frames) {
-    findings.error(N::kSegmentInterval, offset,
-                   "index: segment {} (level {}, slot {}) lies outside the timeline", i,
-                   entry.level, entry.slot);
-    return false;
-  }
-  if (entry.bytes < kRecordHeaderBytes || entry.offset < body_at ||
-      entry.offset > header.file_bytes || entry.bytes > header.file_bytes - entry.offset) {
-    findings.error(N::kSegmentRange, offset,
-                   "index: segment {} (bytes {} + {}) overlaps or lies outside the body {} to {}",
-                   i, entry.offset, entry.bytes, body_at, header.file_bytes);
-    return false;
-  }
-  if (entry.primitives == 0 ||
-      (entry.primitives + kMaxExpansion - 1) / kMaxExpansion > entry.bytes) {
-    findings.error(N::kSegmentCount, offset, "index: segment {} claims {} primitives in {} bytes",
-                   i, entry.primitives, entry.bytes);
-    return false;
-  }
-  return true;
-}
-
-// Order of segments in a file: by beginning, the longer first (spec 5.6).
-bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk, std::uint32_t frames) {
-  const double begin_a = interval_of(a.level, a.slot, chunk, frames).begin;
-  const double begin_b = interval_of(b.level, b.slot, chunk, frames).begin;
-  if (begin_a != begin_b) return begin_a < begin_b;
-  const int rank_a = a.level < 0 ? kMaxLevel + 1 : a.level;
-  const int rank_b = b.level < 0 ? kMaxLevel + 1 : b.level;
-  return rank_a > rank_b;
-}
-
-IndexEntry read_entry(ByteReader& in) {  // spec 5.3
-  IndexEntry entry;
-  entry.level = static_cast<std::int16_t>(in.u16());
-  entry.layer = in.u16();
-  entry.slot = in.u32();
-  entry.offset = in.u64();
-  entry.bytes = in.u64();
-  entry.primitives = in.u32();
-  return entry;
-}
-
-// Turns the rows of an index into segments, and checks their order (spec 5.6).
-class IndexWalk {
- public:
-  explicit IndexWalk(FileHead& head)
-      : head_(head), parts_(head.parts), body_at_(head.header.head_bytes) {}
-
-  // Row i at byte `at`; false: what follows cannot be understood.
-  bool add(const IndexEntry& row, std::size_t i, std::uint64_t at, Findings& findings) {
-    const int content = content_of(row.layer);
-    // Refinements that this version does not know, and does without (spec 5.7).
-    if (content > static_cast<int>(Content::kHarmonics)) return true;
-    FileIndex& index = head_.index;
-    if (!check_entry(row, i, at, head_.header, index, frames(), body_at_, findings)) return false;
-    body_at_ = row.offset + row.bytes;
-    const bool good =
-        content == static_cast<int>(Content::kPrimitives) ? add_base(row) : add_harmonics(row);
-    if (!good) findings.error(N::kSegmentOrder, at, "index: segment {} is out of order", i);
-    return good;
-  }
-
- private:
-  std::uint32_t frames() const { return head_.metadata.scene.frames; }
-
-  bool add_base(const IndexEntry& row) {
-    std::vector<SegmentEntry>& segments = head_.index.segments;
-    const bool begins_part = parts_.begins_part(segments.size());
-    if (!segments.empty() && !begins_part) {
-      const IndexEntry& last = segments.back().base;
-      const bool same = last.level == row.level && last.slot == row.slot;
-      if (same && (has_harmonics_ || tier_of(last.layer) >= tier_of(row.layer))) return false;
-      if (!same && !comes_before(last, row, head_.index.chunk_ticks, frames())) return false;
-      if (!same) begin_run();
-    } else {
-      begin_run();
-    }
-    segments.push_back({row, {}, 0});
-    return true;
-  }
-
-  // Of a segment of the run, whose tiers' harmonics come in their order.
-  bool add_harmonics(const IndexEntry& row) {
-    std::vector<SegmentEntry>& segments = head_.index.segments;
-    for (; run_ < segments.size(); ++run_) {
-      const IndexEntry& base = segments[run_].base;
-      if (base.level != row.level || base.slot != row.slot) return false;
-      if (tier_of(base.layer) != tier_of(row.layer)) continue;
-      if (base.primitives != row.primitives) return false;
-      segments[run_++].harmonics = row;
-      has_harmonics_ = true;
-      return true;
-    }
-    return false;
-  }
-
-  void begin_run() {
-    run_ = head_.index.segments.size();
-    has_harmonics_ = false;
-  }
-
-  FileHead& head_;
-  PartCursor parts_;
-  std::uint64_t body_at_ = 0;  // where the next record may begin
-  std::size_t run_ = 0;        // of the interval's segments, the next that may get harmonics
-  bool has_harmonics_ = false;
-};
-
-void check_limits(const FileIndex& index, const FileMetadata& metadata, std::uint64_t offset,
-                  const ReadLimits& limits, Findings& findings) {
-  std::uint64_t total = 0;
-  const std::uint64_t bytes = 4 * floats_per_primitive(metadata.sh_degree);
-  for (std::size_t i = 0; i < index.segments.size(); ++i) {
-    const IndexEntry& entry = index.segments[i].base;
-    total += entry.primitives;
-    if (entry.primitives > limits.max_memory / bytes) {
-      findings.unsupported(N::kMemoryLimit, offset,
-                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
-                           i, entry.primitives * bytes, limits.max_memory);
-    }
-  }
-  if (total != index.primitives) {
-    findings.error(N::kPrimitiveTotal, offset,
-                   "index: the segments hold {} primitives, the total says {}", total,
-                   index.primitives);
-  }
-  if (total > limits.max_primitives) {
-    findings.unsupported(N::kPrimitiveLimit, offset,
-                         "index: {} primitives, more than the limit of {}", total,
-                         limits.max_primitives);
-  }
-}
-
 // Reads the payload of a record of the head, `have` being those before it; false: it is of no use.
 bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
                  const ReadLimits& limits, const std::set<std::uint32_t>& have, FileHead& out,
@@ -187,15 +48,11 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
     return parse_layouts(in, payload_at, out.layouts, findings);
   }
   if (have.count(kMetadataTag) == 0) return false;
-  if (tag == kIndexTag) return parse_index(payload, payload_at, limits, out, findings);
-  if (have.count(kIndexTag) != 0) {
-    findings.error(N::kParts, payload_at, "the parts come after the index");
-    return false;
-  }
-  return parse_parts(payload, payload_at, out.metadata.scene.frames, out.parts, findings);
+  const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
+  return parse_index(payload, payload_at, body, limits, out, findings);
 }
 
-// Finds META, LAYT, PART, INDX and WNDW among the records of the head.
+// Finds META, LAYT, INDX and WNDW among the records of the head.
 bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
                Findings& findings) {
   std::set<std::uint32_t> have;
@@ -205,8 +62,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
-    const bool known = record.tag == kMetadataTag || record.tag == kPartsTag ||
-                       record.tag == kIndexTag || record.tag == kLayoutTag;
+    const bool known =
+        record.tag == kMetadataTag || record.tag == kIndexTag || record.tag == kLayoutTag;
     const bool window = record.tag == kWindowTag && record.flags == 0;
     if (!window && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
@@ -241,13 +98,6 @@ std::string tag_text(std::uint32_t tag) {
 
 std::uint64_t floats_per_primitive(int sh_degree) {
   return 17 + 3 * static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
-}
-
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, std::uint32_t frames) {
-  if (level < 0) return {0.0, static_cast<double>(frames)};
-  const double half = std::ldexp(chunk_ticks, level - 1);
-  const double begin = slot * half;
-  return {begin, std::min(begin + 2 * half, static_cast<double>(frames))};
 }
 
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
@@ -420,35 +270,29 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   return true;
 }
 
-bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const ReadLimits& limits, FileHead& head, Findings& findings) {  // spec 5.2
+bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                  SceneMetadata& metadata, Findings& findings) {  // spec 4.5
+  if (payload.size() < kWindowBytes) {
+    findings.error(N::kWindow, offset, "window: {} bytes are too few", payload.size());
+    return false;
+  }
   ByteReader in(payload);
-  FileIndex& index = head.index;
-  index.chunk_ticks = in.f64();
-  index.primitives = in.u64();
-  const std::uint32_t segments = in.u32(), attributes = in.u32();
-  if (!in.ok() || payload.size() < index_bytes(segments, attributes)) {
-    findings.error(N::kIndexLayout, offset, "index: {} bytes are too few for {} segments",
-                   payload.size(), segments);
-    return false;
-  }
-  if (!(index.chunk_ticks > 0.0) || !std::isfinite(index.chunk_ticks)) {
-    findings.error(N::kChunk, offset, "index: a chunk of {} ticks", index.chunk_ticks);
-    return false;
-  }
-  IndexWalk walk(head);
-  for (std::uint32_t i = 0; i < segments; ++i) {
-    const std::uint64_t at = offset + in.position();
-    if (!walk.add(read_entry(in), i, at, findings)) return false;
-  }
-  for (std::uint32_t i = 0; i < attributes; ++i) {
-    AttributeBytes attribute;
-    attribute.attribute = in.u16();
-    attribute.bytes = in.u64();
-    index.attributes.push_back(attribute);
-  }
-  check_limits(index, head.metadata, offset, limits, findings);
-  return assign_parts(head, offset, findings);
+  CaptureWindow window;
+  window.first_frame = in.u32();
+  window.capture_frames = in.u32();
+  window.capture = in.u64();
+  window.training = in.u64();
+  metadata.window = window;
+  return true;
+}
+
+void check_window(const SceneMetadata& metadata, Findings& findings) {
+  if (!metadata.window) return;
+  const CaptureWindow& window = *metadata.window;
+  if (std::uint64_t{window.first_frame} + metadata.frames <= window.capture_frames) return;
+  findings.error(N::kWindow, kHeaderBytes,
+                 "window: {} frames from frame {} on do not lie in a capture of {} frames",
+                 metadata.frames, window.first_frame, window.capture_frames);
 }
 
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,

@@ -61,59 +61,6 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   return out.take();
 }
 
-std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
-  std::vector<IndexEntry*> records;
-  for (std::size_t begin = 0; begin < segments.size();) {
-    const SegmentEntry& first = segments[begin];
-    std::size_t end = begin;
-    for (; end < segments.size(); ++end) {
-      const SegmentEntry& segment = segments[end];
-      if (segment.part != first.part || segment.base.level != first.base.level ||
-          segment.base.slot != first.base.slot) {
-        break;
-      }
-      records.push_back(&segments[end].base);
-    }
-    for (; begin < end; ++begin) {
-      if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);
-    }
-  }
-  return records;
-}
-
-std::vector<std::uint8_t> write_index(FileIndex& index) {  // spec 5.2
-  const std::vector<IndexEntry*> records = records_of(index.segments);
-  ByteWriter out;
-  out.f64(index.chunk_ticks);
-  out.u64(index.primitives);
-  out.u32(static_cast<std::uint32_t>(records.size()));
-  out.u32(static_cast<std::uint32_t>(index.attributes.size()));
-  for (const IndexEntry* record : records) {
-    out.u16(static_cast<std::uint16_t>(record->level));
-    out.u16(record->layer);
-    out.u32(record->slot);
-    out.u64(record->offset);
-    out.u64(record->bytes);
-    out.u32(record->primitives);
-  }
-  for (const AttributeBytes& attribute : index.attributes) {
-    out.u16(attribute.attribute);
-    out.u64(attribute.bytes);
-  }
-  return out.take();
-}
-
-std::vector<std::uint8_t> write_parts(std::span<const PartEntry> parts) {  // spec 5.10
-  ByteWriter out;
-  out.u32(static_cast<std::uint32_t>(parts.size()));
-  for (const PartEntry& part : parts) {
-    out.f64(part.begin);
-    out.f64(part.end);
-    out.u32(part.segments);
-  }
-  return out.take();
-}
-
 std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4.5
   ByteWriter out;
   out.u32(window.first_frame);
@@ -128,10 +75,6 @@ std::vector<std::uint8_t> write_importance(std::span<const float> importance,
   ByteWriter out;
   for (const std::uint32_t i : order) out.f32(importance[i]);
   return out.take();
-}
-
-std::uint64_t index_bytes(std::size_t records, std::size_t attributes) {
-  return 24 + std::uint64_t{28} * records + std::uint64_t{10} * attributes;
 }
 
 }  // namespace stgs

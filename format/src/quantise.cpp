@@ -153,11 +153,11 @@ Integers truncated(const Gaussians4D& part, Attribute attribute, int shift, floa
   return out;
 }
 
-Integers displacement(const Gaussians4D& part, int exponent, std::uint32_t frames) {
+Integers displacement(const Gaussians4D& part, int exponent, float part_ticks) {
   const std::size_t n = part.size();
   Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, exponent, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
-    const int e = exponent - lifespan_exponent(part.sigma[i], part.radius[i], frames);
+    const int e = exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
     for (std::size_t c = 0; c < 3; ++c) {
       const std::int64_t k = nearest(part.velocity[3 * i + c], std::clamp(e, -126, 127));
       out.values[c * n + i] =
@@ -290,8 +290,7 @@ void make_constant(const Interval& interval, double still, double even, std::siz
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
-                     std::uint32_t frames, int quality)
-    : frames_(frames) {
+                     std::uint32_t frames, int quality) {
   // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
   coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   importance_ = mean_of(importance);
@@ -360,7 +359,7 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
 }
 
 std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSteps& steps,
-                                          double segment_begin,
+                                          double segment_begin, float part_ticks,
                                           std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
   out.push_back(position(part, steps, order));
@@ -368,7 +367,7 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   out.push_back(moments(sorted, steps_.time, segment_begin));
   out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
-  out.push_back(displacement(sorted, steps.displacement, frames_));
+  out.push_back(displacement(sorted, steps.displacement, part_ticks));
   out.push_back(linear(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
   out.push_back(rotation(sorted, decoded_log_scales(out.back()), steps.rotation));
   out.push_back(linear(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));

@@ -48,10 +48,11 @@ class Quantiser {
   GroupSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                       double importance) const;
   // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
-  // set to the indices in that order. The segment begins at `segment_begin`, ticks, before its part
-  // cuts it.
+  // set to the indices in that order. The segment begins at `segment_begin`, ticks, before its
+  // part, which lasts `part_ticks`, cuts it.
   std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
-                                 double segment_begin, std::vector<std::uint32_t>& order) const;
+                                 double segment_begin, float part_ticks,
+                                 std::vector<std::uint32_t>& order) const;
   // Largest step of a position, scene units.
   float position_step() const;
 
@@ -60,7 +61,6 @@ class Quantiser {
   double coarser_ = 0;         // octaves, of the quality
   double importance_ = 0;      // mean over the set
   int coarsest_position_ = 0;  // exponent that the whole set's extent needs
-  std::uint32_t frames_;
 };
 
 // What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area

@@ -47,6 +47,8 @@ class Reader final : public SceneReader {
   int sh_degree() const override { return head_.metadata.sh_degree; }
   std::uint64_t primitives() const override { return head_.index.primitives; }
   std::uint64_t file_bytes() const override { return head_.header.file_bytes; }
+  std::uint64_t head_bytes() const override { return head_.header.head_bytes; }
+  double chunk_ticks() const override { return head_.index.chunk_ticks; }
   const std::vector<SegmentInfo>& segments() const override { return segments_; }
   const std::vector<ScenePart>& parts() const override { return parts_; }
 
@@ -64,9 +66,9 @@ class Reader final : public SceneReader {
   }
 
   std::vector<std::uint32_t> segments_between(double t0, double t1) const override {
-    const double frames = metadata().frames;
     std::vector<std::uint32_t> out;
     if (!(t0 <= t1)) return out;
+    const double frames = metadata().frames;
     const double first = std::clamp(t0, 0.0, frames), last = std::clamp(t1, 0.0, frames);
     for (std::uint32_t i = 0; i < segments_.size(); ++i) {
       const SegmentInfo& segment = segments_[i];

@@ -30,7 +30,7 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
     return usage_error("zstd level {} is not in 1..19", settings.zstd_level);
   }
   const double ticks = metadata.time_base.ticks(settings.chunk_seconds);
-  if (!std::isfinite(ticks) || ticks * 1e6 < metadata.frames) {
+  if (!std::isfinite(ticks) || ticks < 0.0 || (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
     return usage_error("chunks of {} s do not cut a timeline of {} frames", settings.chunk_seconds,
                        metadata.frames);
   }
@@ -151,35 +151,29 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
 }
 
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
-  std::vector<std::uint8_t> meta = write_record(kMetadataTag, write_metadata(metadata));
-  const auto add = [&meta](std::uint32_t tag, const std::vector<std::uint8_t>& payload,
+  std::vector<std::uint8_t> head;
+  const auto add = [&head](std::uint32_t tag, const std::vector<std::uint8_t>& payload,
                            std::uint32_t flags) {
     const std::vector<std::uint8_t> record = write_record(tag, payload, flags);
-    meta.insert(meta.end(), record.begin(), record.end());
+    head.insert(head.end(), record.begin(), record.end());
   };
-  const std::optional<CaptureWindow>& window = metadata.scene.window;
-  const bool in_parts = body.parts.size() > 1 || body.parts[0].begin > 0.0 ||
-                        body.parts[0].end < metadata.scene.frames;
+  add(kMetadataTag, write_metadata(metadata), kCritical);
   ByteWriter layouts;
   write_layouts(body.layouts, layouts);
   add(kLayoutTag, layouts.take(), kCritical);
-  if (window) add(kWindowTag, write_window(*window), 0);
-  if (in_parts) add(kPartsTag, write_parts(body.parts), kCritical);
-  const std::vector<IndexEntry*> records = records_of(body.index.segments);
+  if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
+  add(kIndexTag, write_index(body.index, body.parts), kCritical);
   FileHeader header;
-  header.head_bytes = kHeaderBytes + meta.size() + kRecordHeaderBytes +
-                      index_bytes(records.size(), body.index.attributes.size());
+  header.head_bytes = kHeaderBytes + head.size();
   header.file_bytes = header.head_bytes;
-  for (IndexEntry* record : records) {
+  for (IndexEntry* record : records_of(body.index.segments)) {
     record->offset = header.file_bytes;
     header.file_bytes += record->bytes;
   }
   const std::uint64_t segments_end = header.file_bytes;
   header.file_bytes += body.importance.size();
   std::vector<std::uint8_t> out = write_header(header);
-  out.insert(out.end(), meta.begin(), meta.end());
-  const std::vector<std::uint8_t> index = write_record(kIndexTag, write_index(body.index));
-  out.insert(out.end(), index.begin(), index.end());
+  out.insert(out.end(), head.begin(), head.end());
   out.resize(header.file_bytes);
   const auto place_at = [&out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
     std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
@@ -202,14 +196,12 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
   STGS_TRY(check_parts(scene));
   try {
     FileMetadata metadata{scene.metadata, settings.profile, scene.gaussians.sh_degree};
-    const double chunk_ticks = scene.metadata.time_base.ticks(settings.chunk_seconds);
     const std::vector<PartRange> parts = ranges_of(scene);
     std::optional<Quantiser> quantiser;
     std::vector<float> importance;
     Gaussians4D snapped;
     Encoding encoding;
     encoding.set = &scene.gaussians;
-    encoding.chunk_ticks = chunk_ticks;
     encoding.frames = scene.metadata.frames;
     encoding.zstd_level = settings.zstd_level;
     encoding.own_layouts = settings.own_layouts;
@@ -226,6 +218,9 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
       encoding.tiers = settings.tiers;
       encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
     }
+    encoding.chunk_ticks = settings.chunk_seconds > 0
+                               ? scene.metadata.time_base.ticks(settings.chunk_seconds)
+                               : choose_chunk(*encoding.set, parts, scene.metadata.frames);
     set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
     STGS_TRY(check_metadata(metadata));
     Body body = encode_body(encoding, parts);

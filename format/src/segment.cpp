@@ -340,9 +340,9 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
     set.sh_degree = head.metadata.sh_degree;
     set.resize(entry.primitives);
     SegmentContext context;
-    context.frames = head.metadata.scene.frames;
-    context.begin =
-        interval_of(entry.level, entry.slot, head.index.chunk_ticks, context.frames).begin;
+    const PartEntry& part = head.parts[head.index.segments[ordinal].part];
+    context.part_ticks = static_cast<float>(part.end - part.begin);
+    context.begin = begin_of(entry.level, entry.slot, head.index.chunk_ticks);
     context.first_key = records.base.first_key;
     std::vector<DecodedPlanes> planes(decoders.size());
     std::vector<StreamTask> tasks;

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
@@ -14,6 +16,54 @@ namespace {
 // A support is widened by this much, so that rounding in a renderer cannot step out of it.
 double slack(double time, double half) {
   return 1e-3 + 1e-6 * (std::abs(time) + half);
+}
+
+constexpr std::size_t kSample = 1 << 18;  // lifetimes that the choice of a chunk looks at
+// What a segment costs, in primitives: its row, record headers, tables and coders' states.
+constexpr double kSegmentCost = 40.0;
+constexpr double kSeekWeight = 0.25;  // of a share of bytes read in vain at a seek
+constexpr double kMostChunks = 1e6;   // of a timeline
+
+struct PartLifetime {
+  Lifetime lifetime;
+  std::uint32_t part = 0;
+};
+
+// Every nth primitive that can be seen.
+std::vector<PartLifetime> sample_lifetimes(const Gaussians4D& set, std::span<const PartRange> parts,
+                                           std::uint32_t frames, std::size_t stride) {
+  std::vector<PartLifetime> out;
+  for (std::uint32_t p = 0; p < parts.size(); ++p) {
+    for (std::size_t i = parts[p].first; i < parts[p].last; i += stride) {
+      const Lifetime lifetime = within(
+          lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames),
+          parts[p].interval);
+      if (!lifetime.never) out.push_back({lifetime, p});
+    }
+  }
+  return out;
+}
+
+// As a share of the primitives.
+double cost_of(double chunk, const std::vector<PartLifetime>& sample,
+               std::span<const PartRange> parts, double stride) {
+  double alive = 0.0, read = 0.0;
+  std::vector<std::uint64_t> places;
+  places.reserve(sample.size());
+  for (const PartLifetime& s : sample) {
+    const Interval& part = parts[s.part].interval;
+    const Place place = place_of(s.lifetime, chunk, part);
+    const Interval interval = interval_of(place.level, place.slot, chunk, part);
+    alive += s.lifetime.end - s.lifetime.begin;
+    read += interval.end - interval.begin;
+    places.push_back(std::uint64_t{s.part} << 37 | std::uint64_t(place.level + 1) << 32 |
+                     place.slot);
+  }
+  std::sort(places.begin(), places.end());
+  const auto segments = std::unique(places.begin(), places.end()) - places.begin();
+  return kSegmentCost * static_cast<double>(segments) /
+             (stride * static_cast<double>(sample.size())) +
+         kSeekWeight * (read / alive - 1.0);
 }
 
 }  // namespace
@@ -35,15 +85,16 @@ Lifetime within(const Lifetime& lifetime, const Interval& interval) {
   return cut.never || cut.begin >= cut.end ? Lifetime{0, 0, true} : cut;
 }
 
-Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frames) {
-  if (lifetime.never || lifetime.end - lifetime.begin > 0.5 * frames) return {};
-  for (int level = 0; std::ldexp(chunk_ticks, level) < frames; ++level) {
+Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& part) {
+  const double length = part.end - part.begin;
+  if (lifetime.never || lifetime.end - lifetime.begin > 0.5 * length) return {};
+  for (int level = 0; std::ldexp(chunk_ticks, level) < length; ++level) {
     const double half = std::ldexp(chunk_ticks, level - 1);
     double slot = std::floor(lifetime.begin / half);
     if (slot > 0.0 && slot * half > lifetime.begin) slot -= 1.0;
     const Interval interval =
-        interval_of(level, static_cast<std::uint32_t>(slot), chunk_ticks, frames);
-    if (lifetime.end < interval.end || interval.end >= frames) {
+        interval_of(level, static_cast<std::uint32_t>(slot), chunk_ticks, part);
+    if (lifetime.end < interval.end || interval.end >= part.end) {
       return {static_cast<std::int16_t>(level), static_cast<std::uint32_t>(slot)};
     }
   }
@@ -53,17 +104,16 @@ Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frame
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
                                         double chunk_ticks, std::uint32_t frames,
                                         bool keep_never_visible) {
-  // Beginning, then the longer first.
+  // Beginning, then the longer first; persistent before all.
   std::map<std::pair<double, int>, SegmentMembers> segments;
   for (std::uint32_t i = part.first; i < part.last; ++i) {
     const Lifetime lifetime =
         within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames),
                part.interval);
     if (lifetime.never && !keep_never_visible) continue;
-    const Place place = place_of(lifetime, chunk_ticks, frames);
-    const double begin = interval_of(place.level, place.slot, chunk_ticks, frames).begin;
-    SegmentMembers& segment =
-        segments[{begin, place.level < 0 ? -1000 : -static_cast<int>(place.level)}];
+    const Place place = place_of(lifetime, chunk_ticks, part.interval);
+    const double begin = place.level < 0 ? -1.0 : begin_of(place.level, place.slot, chunk_ticks);
+    SegmentMembers& segment = segments[{begin, -place.level}];
     segment.place = place;
     segment.members.push_back(i);
   }
@@ -71,6 +121,30 @@ std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange&
   out.reserve(segments.size());
   for (auto& [key, segment] : segments) out.push_back(std::move(segment));
   return out;
+}
+
+double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts,
+                    std::uint32_t frames) {
+  const std::size_t stride = set.size() / kSample + 1;
+  const std::vector<PartLifetime> sample = sample_lifetimes(set, parts, frames, stride);
+  double longest = 1.0;
+  for (const PartRange& part : parts) {
+    longest = std::max(longest, part.interval.end - part.interval.begin);
+  }
+  std::vector<double> chunks;
+  for (double chunk = 1.0; chunks.empty() || chunks.back() < longest; chunk *= 2.0) {
+    if (chunk * kMostChunks >= frames) chunks.push_back(chunk);
+  }
+  if (sample.empty()) return chunks.back();
+  std::vector<double> costs(chunks.size());
+  parallel_for(std::size_t{0}, chunks.size(), [&](std::size_t i) {
+    costs[i] = cost_of(chunks[i], sample, parts, static_cast<double>(stride));
+  });
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < chunks.size(); ++i) {
+    if (costs[i] <= costs[best]) best = i;
+  }
+  return chunks[best];
 }
 
 }  // namespace stgs

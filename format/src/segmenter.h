@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "container.h"
@@ -26,7 +27,8 @@ struct Place {
   std::uint32_t slot = 0;
   bool operator==(const Place&) const = default;
 };
-Place place_of(const Lifetime& lifetime, double chunk_ticks, std::uint32_t frames);
+// Of a lifetime that lies in the part.
+Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& part);
 
 // Primitives that share a place, ascending.
 struct SegmentMembers {
@@ -43,5 +45,9 @@ struct PartRange {
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
                                         double chunk_ticks, std::uint32_t frames,
                                         bool keep_never_visible);
+
+// A chunk for these primitives, ticks: the best of the powers of two, weighing what a seek reads
+// beyond what is alive against what each segment costs (spec 5.8). Looks at a sample of large sets.
+double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts, std::uint32_t frames);
 
 }  // namespace stgs

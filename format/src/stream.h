@@ -79,7 +79,7 @@ struct Integers {
 
 // What the records of a segment are mapped with, beside their layouts.
 struct SegmentContext {
-  std::uint32_t frames = 0;
+  float part_ticks = 0;         // length of its part
   double begin = 0;             // of the segment, before its part cuts it; ticks
   std::uint64_t first_key = 0;  // of the record (spec 6.5)
 };
@@ -110,8 +110,8 @@ inline int rotation_shift(const float* log_scale) {
          (length >= 3.75f) - (length >= 5.0f);
 }
 // floor(log2) of the lifespan that scales a displacement (spec 7.5.4).
-inline int lifespan_exponent(float sigma, float radius, std::uint32_t frames) {
-  const float lifespan = std::min(radius + 2.0f * sigma, static_cast<float>(frames));
+inline int lifespan_exponent(float sigma, float radius, float part_ticks) {
+  const float lifespan = std::min(radius + 2.0f * sigma, part_ticks);
   return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
 }
 // The integer that the moments of a segment from `begin` on count from (spec 7.5.8).

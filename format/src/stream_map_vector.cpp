@@ -98,11 +98,10 @@ HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& ou
 }
 
 // The steps of displacements over these lifespans.
-HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set,
-                                   std::uint32_t frames, std::size_t first, std::size_t count,
-                                   Floats& out) {
+HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set, float part_ticks,
+                                   std::size_t first, std::size_t count, Floats& out) {
   for (std::size_t i = 0; i < count; ++i) {
-    const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], frames);
+    const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], part_ticks);
     out[i] = power_of_two(row.exponent - life);
   }
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0.0f;
@@ -216,7 +215,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
     float* const to = view.data + first * view.stride;
     if (rotation) rotation_exponents(row, set, first, count, exponents);
     if (mapping == Mapping::kDisplacement)
-      displacement_steps(row, set, context.frames, first, count, steps);
+      displacement_steps(row, set, context.part_ticks, first, count, steps);
     for (std::size_t c = 0; c < row.components; ++c) {
       Numbers& block = q[together ? c % 3 : 0];
       load(row, task.planes + c * row.digits, first, count, block);

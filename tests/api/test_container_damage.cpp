@@ -7,10 +7,13 @@
 #include <catch2/catch.hpp>
 #include <set>
 
+#include "head_fixture.h"
 #include "scene_fixture.h"
 
 using namespace stgs;
+using stgs::testing::head_of;
 using stgs::testing::random_scene;
+using stgs::testing::with_index;
 using Bytes = std::vector<std::uint8_t>;
 
 namespace {
@@ -20,6 +23,7 @@ constexpr std::size_t kHeader = 40, kRecord = 32;
 Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
   WriteSettings settings;
   settings.profile = profile;
+  settings.chunk_seconds = 0.5;
   settings.own_layouts = own_layouts;
   auto bytes = encode_scene(random_scene(n, 1, 30, 21), settings);
   REQUIRE(bytes.ok());
@@ -229,35 +233,6 @@ TEST_CASE("a start camera must be a camera") {
   CHECK(first_issue(*whole, at, 116, 0.0f) == 204);
 }
 
-TEST_CASE("the index's claims are checked before anything is allocated") {
-  const Bytes whole = small_file(Profile::kLossless);
-  const std::size_t at = index_at(whole);
-  const std::size_t entry = 24;
-  CHECK(first_issue(whole, at, 0, 0.0) == 301);
-  CHECK(first_issue(whole, at, 0, static_cast<double>(INFINITY)) == 301);
-  CHECK(first_issue(whole, at, 8, std::uint64_t{1} << 50) == 306);
-  CHECK(first_issue(whole, at, 16, std::uint32_t{0xFFFFFFFF}) == 300);
-  CHECK(first_issue(whole, at, 20, std::uint32_t{0xFFFFFFFF}) == 300);
-  CHECK(first_issue(whole, at, entry, std::int16_t{-2}) == 302);
-  CHECK(first_issue(whole, at, entry + 4, std::uint32_t{1000}) == 302);
-  CHECK(first_issue(whole, at, entry + 8, std::uint64_t{0}) == 304);
-  CHECK(first_issue(whole, at, entry + 8, ~std::uint64_t{0}) == 304);
-  CHECK(first_issue(whole, at, entry + 16, ~std::uint64_t{0}) == 304);
-  CHECK(first_issue(whole, at, entry + 24, ~std::uint32_t{0}) == 305);
-  CHECK(first_issue(whole, at, entry + 24, std::uint32_t{0}) == 305);
-  const auto stored = get<std::uint64_t>(whole, at + kRecord + entry + 16);
-  const auto most = static_cast<std::uint32_t>(32768 * stored);
-  CHECK(first_issue(whole, at, entry + 24, most) == 306);
-  CHECK(first_issue(whole, at, entry + 24, most + 1) == 305);
-  CHECK(first_issue(whole, at, entry + 28, std::int16_t{-1}) == 303);
-  ReadLimits limits;
-  limits.max_primitives = 39;
-  CHECK(numbers_of(issues_of(whole, limits)) == std::set<int>{307});
-  limits = {};
-  limits.max_memory = 2000;
-  CHECK(numbers_of(issues_of(whole, limits)) == std::set<int>{308});
-}
-
 TEST_CASE("a segment's fields are checked one by one") {
   const Bytes whole = small_file(Profile::kLossless);
   const std::size_t at = body_at(whole);
@@ -375,7 +350,8 @@ constexpr std::size_t kRows = 5, kRow = 13;  // of a layout that has no tables
 
 // Replaces the bytes of stream `attribute` of that file, and all sizes around them.
 void replace_stream(Bytes& bytes, std::size_t attribute, const Bytes& stored) {
-  const std::size_t at = body_at(bytes), sizes = at + kRecord + kSizes, index = index_at(bytes);
+  FileHead head = head_of(bytes);
+  const std::size_t at = body_at(bytes), sizes = at + kRecord + kSizes;
   std::size_t stream = at + kRecord + kFirstStream;
   for (std::size_t i = 0; i < attribute; ++i) stream += get<std::uint64_t>(bytes, sizes + 8 * i);
   const auto size = get<std::uint64_t>(bytes, sizes + 8 * attribute);
@@ -385,19 +361,17 @@ void replace_stream(Bytes& bytes, std::size_t attribute, const Bytes& stored) {
   put<std::uint64_t>(bytes, sizes + 8 * attribute, stored.size());
   put<std::uint64_t>(bytes, at + 8, bytes.size() - at - kRecord);
   seal_record(bytes, at);
-  put<std::uint64_t>(bytes, index + kRecord + 24 + 16, bytes.size() - at);
-  seal_record(bytes, index);
-  put<std::uint64_t>(bytes, 16, bytes.size());
-  seal_header(bytes);
+  head.index.segments[0].base.bytes = bytes.size() - at;
+  bytes = with_index(bytes, head);
 }
 
 // Makes a file of one record claim so many primitives, in the index and in the record.
 void claim(Bytes& bytes, std::uint32_t primitives) {
-  const std::size_t index = index_at(bytes), at = body_at(bytes);
-  REQUIRE(get<std::uint32_t>(bytes, index + kRecord + 16) == 1);
-  put<std::uint64_t>(bytes, index + kRecord + 8, primitives);
-  put<std::uint32_t>(bytes, index + kRecord + 24 + 24, primitives);
-  seal_record(bytes, index);
+  FileHead head = head_of(bytes);
+  REQUIRE(head.index.segments.size() == 1);
+  head.index.primitives = head.index.segments[0].base.primitives = primitives;
+  bytes = with_index(bytes, head);
+  const std::size_t at = body_at(bytes);
   put<std::uint32_t>(bytes, at + kRecord + 8, primitives);
   seal_record(bytes, at);
 }
@@ -533,19 +507,12 @@ TEST_CASE("unknown records are skipped unless they are critical") {
     seal_header(bytes);
     CHECK(issues_of(bytes).empty() == (critical == 0));
     CHECK(read_all(bytes).ok());
-    // In the head, before META; the segments move.
+    // In the head, before META.
     bytes = whole;
     bytes.insert(bytes.begin() + kHeader, extra.begin(), extra.end());
     put<std::uint64_t>(bytes, 16, bytes.size());
     put<std::uint64_t>(bytes, 24, body_at(whole) + extra.size());
     seal_header(bytes);
-    const std::size_t index = index_at(whole) + extra.size();
-    const auto segments = get<std::uint32_t>(bytes, index + kRecord + 16);
-    for (std::size_t s = 0; s < segments; ++s) {
-      const std::size_t offset = index + kRecord + 24 + 28 * s + 8;
-      put<std::uint64_t>(bytes, offset, get<std::uint64_t>(bytes, offset) + extra.size());
-    }
-    seal_record(bytes, index);
     const Status status = read_all(bytes);
     CHECK(status.code() == (critical == 0 ? StatusCode::kOk : StatusCode::kUnsupported));
     CHECK(numbers_of(issues_of(bytes)) == (critical == 0 ? std::set<int>{} : std::set<int>{113}));

@@ -3,10 +3,11 @@
 #include <catch2/catch.hpp>
 #include <set>
 
-#include "container.h"
+#include "head_fixture.h"
 #include "scene_fixture.h"
 
 using namespace stgs;
+using stgs::testing::file_of;
 using stgs::testing::random_scene;
 using Bytes = std::vector<std::uint8_t>;
 
@@ -39,17 +40,6 @@ std::unique_ptr<SceneReader> reader_of(const Scene& scene, Profile profile) {
   return std::move(*reader);
 }
 
-// A file of one head record after another; no segments.
-Bytes file_of(const std::vector<Bytes>& records) {
-  FileHeader header;
-  header.head_bytes = kHeaderBytes;
-  for (const Bytes& record : records) header.head_bytes += record.size();
-  header.file_bytes = header.head_bytes;
-  Bytes file = write_header(header);
-  for (const Bytes& record : records) file.insert(file.end(), record.begin(), record.end());
-  return file;
-}
-
 Bytes metadata_record() {
   FileMetadata metadata;
   metadata.scene.frames = kFrames;
@@ -59,11 +49,7 @@ Bytes metadata_record() {
 Bytes index_record() {
   FileIndex index;
   index.chunk_ticks = 5;
-  return write_record(kIndexTag, write_index(index));
-}
-
-Bytes parts_record(const std::vector<PartEntry>& parts, std::uint32_t flags = kCritical) {
-  return write_record(kPartsTag, write_parts(parts), flags);
+  return write_record(kIndexTag, write_index(index, {}));
 }
 
 std::set<int> issues_of(const Bytes& bytes) {
@@ -133,11 +119,12 @@ TEST_CASE("a moment has the segments of its part alone") {
   CHECK(parts_at(1e6) == last);
 }
 
-TEST_CASE("one part that lasts as long as the scene is as good as none") {
+TEST_CASE("a scene without parts is one part of all the timeline") {
   Scene scene = random_scene(50, 0, kFrames, 3);
-  scene.parts = {{0, kFrames, 50}};
-  const auto reader = reader_of(scene, Profile::kLossless);
-  CHECK(reader->parts() == scene.parts);
+  const std::vector<ScenePart> whole = {{0, kFrames, 50}};
+  CHECK(reader_of(scene, Profile::kLossless)->parts() == whole);
+  scene.parts = whole;
+  CHECK(reader_of(scene, Profile::kLossless)->parts() == whole);
 }
 
 TEST_CASE("parts that make no sense are not written") {
@@ -152,93 +139,15 @@ TEST_CASE("parts that make no sense are not written") {
   CHECK(encode_scene(scene, {}).status().code() == StatusCode::kUsage);
 }
 
-TEST_CASE("a cursor finds the first segment of each part that has one, and no other") {
-  const std::vector<PartEntry> parts = {{0, 1, 0}, {0, 1, 2}, {0, 1, 0}, {0, 1, 0},
-                                        {0, 1, 1}, {0, 1, 3}, {0, 1, 0}};
-  PartCursor cursor(parts);
-  std::vector<std::uint64_t> first;
-  for (std::uint64_t segment = 0; segment < 9; ++segment) {
-    if (cursor.begins_part(segment)) first.push_back(segment);
-  }
-  CHECK(first == std::vector<std::uint64_t>{0, 2, 3, 6});  // 6: the last, which has none
-  PartCursor none(std::span<const PartEntry>{});
-  CHECK_FALSE(none.begins_part(0));
-}
-
-// Where each segment walks all parts this takes minutes, and ctest ends it.
-TEST_CASE("a head of as many parts as segments is read in one walk over both") {
-  constexpr std::uint32_t kMany = 600000;
-  const Bytes meta = metadata_record();
-  const Bytes parts = parts_record(std::vector<PartEntry>(kMany, {0, kFrames, 1}));
-  FileIndex index;
-  index.chunk_ticks = 5;
-  index.primitives = kMany;
-  std::uint64_t at =
-      kHeaderBytes + meta.size() + parts.size() + kRecordHeaderBytes + index_bytes(kMany, 0);
-  for (std::uint32_t i = 0; i < kMany; ++i, at += kRecordHeaderBytes) {
-    index.segments.push_back({{-1, 0, 0, at, kRecordHeaderBytes, 1}, {}, 0});
-  }
-  Bytes file = file_of({meta, parts, write_record(kIndexTag, write_index(index))});
-  FileHeader header;
-  header.head_bytes = file.size();
-  header.file_bytes = at;
-  const Bytes start = write_header(header);
-  std::copy(start.begin(), start.end(), file.begin());
-  file.resize(at);
-  const auto reader = SceneReader::open(memory_source(std::move(file)));
-  INFO(reader.status().message());
-  REQUIRE(reader.ok());
-  CHECK((*reader)->parts().size() == kMany);
-  CHECK((*reader)->segments().back().part == kMany - 1);
-}
-
-TEST_CASE("damaged parts and windows are refused by number") {
+TEST_CASE("damaged windows are refused by number") {
   const Bytes meta = metadata_record(), index = index_record();
   const auto window = [](const CaptureWindow& w, std::uint32_t flags = 0) {
     return write_record(kWindowTag, write_window(w), flags);
   };
-  const Bytes none = parts_record({}), good = parts_record({{0, 10, 0}, {5, kFrames, 0}});
-  CHECK(issues_of(file_of({meta, good, window({0, 40, 1, 1}), index})).empty());
+  CHECK(issues_of(file_of({meta, window({0, 40, 1, 1}), index})).empty());
   CHECK(issues_of(file_of({window({60, 100, 1, 1}), meta, index})).empty());
-  CHECK(issues_of(file_of({meta, none, index})) == std::set<int>{311});
-  CHECK(issues_of(file_of({meta, index, good})) == std::set<int>{311});
-  CHECK(issues_of(file_of({meta, good, good, index})) == std::set<int>{114});
-  CHECK(issues_of(file_of({meta, parts_record({{0, 10, 1}}), index})).count(311) == 1);
-  CHECK(issues_of(file_of({meta, parts_record({{0, 41, 0}}), index})).count(311) == 1);
-  CHECK(issues_of(file_of({meta, parts_record({{3, 3, 0}}), index})).count(311) == 1);
-  CHECK(issues_of(file_of({meta, parts_record({{NAN, 3, 0}}), index})).count(311) == 1);
-  CHECK(issues_of(file_of({meta, parts_record({{0, 40, 0}}, 0), index})).count(116) == 1);
   CHECK(issues_of(file_of({meta, window({61, 100, 1, 1}), index})) == std::set<int>{206});
   CHECK(issues_of(file_of({meta, window({0, 40, 1, 1}, kCritical), index})).count(113) == 1);
   CHECK(issues_of(file_of({meta, write_record(kWindowTag, Bytes(23), 0), index})) ==
         std::set<int>{206});
-  // A count that no payload could hold.
-  Bytes huge = write_parts({});
-  huge.assign(4, 0xFF);
-  CHECK(issues_of(file_of({meta, write_record(kPartsTag, huge), index})).count(311) == 1);
-}
-
-TEST_CASE("a part that has too many segments, or one that it cuts away, is refused") {
-  const Scene scene = scene_in_parts();
-  const auto bytes = encode_scene(scene, {});
-  REQUIRE(bytes.ok());
-  const std::string text(bytes->begin(), bytes->end());
-  const std::size_t at = text.find("PART") + kRecordHeaderBytes;
-  const auto changed = [&](std::size_t offset, const auto& value) {
-    Bytes damaged = *bytes;
-    std::memcpy(damaged.data() + at + offset, &value, sizeof value);
-    const std::size_t record = at - kRecordHeaderBytes;
-    const std::span<const std::uint8_t> payload(damaged.data() + at, 4 + 3 * 20);
-    const std::uint64_t sums = checksum(payload);
-    std::memcpy(damaged.data() + record + 16, &sums, 8);
-    const std::uint64_t head = checksum({damaged.data() + record, 24});
-    std::memcpy(damaged.data() + record + 24, &head, 8);
-    return read_scene(memory_source(damaged, "x.stgs")).status();
-  };
-  CHECK(changed(0, std::uint32_t{3}).ok());
-  // Then some of its segments come after later ones, or those of the next before earlier ones.
-  CHECK(changed(20, std::uint32_t{1}).message().find("issue 303") != std::string::npos);
-  CHECK(changed(20, std::uint32_t{0xFFFFFFFF}).message().find("issue 303") != std::string::npos);
-  // The last part ends before its segments of the end begin.
-  CHECK(changed(52, 25.5).message().find("issue 302") != std::string::npos);
 }

@@ -191,7 +191,7 @@ TEST_CASE("what cannot be written is refused by name and number") {
   settings.quality = 101;
   CHECK(message(good, settings) == "quality 101 is not in 0..100");
   settings = {};
-  settings.chunk_seconds = 0.0;
+  settings.chunk_seconds = -1.0;
   CHECK(message(good, settings).find("do not cut a timeline") != std::string::npos);
   settings = {};
   settings.zstd_level = 40;

@@ -116,7 +116,9 @@ TEST_CASE("every primitive is stored exactly once, invisible ones only without l
 }
 
 TEST_CASE("segments follow each other in the file by beginning, the longer first") {
-  const auto reader = written(random_lifespans(300, 8), {});
+  WriteSettings settings;
+  settings.chunk_seconds = 0.5;
+  const auto reader = written(random_lifespans(300, 8), settings);
   const auto& segments = reader->segments();
   REQUIRE(segments.size() > 20);
   CHECK(segments[0].level == -1);
@@ -132,7 +134,9 @@ TEST_CASE("segments follow each other in the file by beginning, the longer first
 
 TEST_CASE("a short life is in a segment at most four times as long, or of one chunk") {
   Scene scene = random_lifespans(600, 9);
-  const auto reader = written(scene, {});
+  WriteSettings settings;
+  settings.chunk_seconds = 0.5;
+  const auto reader = written(scene, settings);
   for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
     const SegmentInfo& segment = reader->segments()[s];
     if (segment.level <= 0) continue;
@@ -151,7 +155,9 @@ TEST_CASE("a short life is in a segment at most four times as long, or of one ch
 }
 
 TEST_CASE("an interval finds the segments of all its moments") {
-  const auto reader = written(random_lifespans(300, 10), {});
+  WriteSettings settings;
+  settings.chunk_seconds = 0.5;
+  const auto reader = written(random_lifespans(300, 10), settings);
   std::set<std::uint32_t> moments;
   for (double t = 40.0; t <= 55.0; t += 0.25) {
     for (std::uint32_t s : reader->segments_between(t, t)) moments.insert(s);

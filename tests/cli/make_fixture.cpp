@@ -13,6 +13,7 @@
 #include "../api/sog_fixture.h"
 #endif
 #include "../api/splatv_fixture.h"
+#include "bytes.h"
 #include "container.h"
 #include "picture.h"
 #include "stgs/encoder/prepared_capture.h"
@@ -87,12 +88,18 @@ Status write_changed_head(const std::vector<std::uint8_t>& bytes, const std::str
   if (!read_head(*source, {}, head, findings)) return runtime_error("the fixture is not readable");
   const std::uint64_t old_head = head.header.head_bytes;
   change(head);
-  std::vector<std::uint8_t> out = write_header(head.header);
+  ByteWriter layouts;
+  write_layouts(head.layouts, layouts);
+  std::vector<std::uint8_t> records;
   for (const auto& record : {write_record(kMetadataTag, write_metadata(head.metadata)),
-                             write_record(kIndexTag, write_index(head.index))}) {
-    out.insert(out.end(), record.begin(), record.end());
+                             write_record(kLayoutTag, layouts.view()),
+                             write_record(kIndexTag, write_index(head.index, head.parts))}) {
+    records.insert(records.end(), record.begin(), record.end());
   }
-  if (out.size() != old_head) return runtime_error("the change moved the segments");
+  head.header.head_bytes = kHeaderBytes + records.size();
+  head.header.file_bytes += head.header.head_bytes - old_head;
+  std::vector<std::uint8_t> out = write_header(head.header);
+  out.insert(out.end(), records.begin(), records.end());
   out.insert(out.end(), bytes.begin() + static_cast<std::ptrdiff_t>(old_head), bytes.end());
   return write_file_atomically(path, out);
 }

@@ -40,11 +40,11 @@ class DamagedScenes(CliTest):
              self.write("meta.stgs", flipped(self.good, 80))),
             (INVALID, "long.stgs: the file has bytes after its end",
              self.write("long.stgs", self.good + b"more")),
-            (UNSUPPORTED, "newer_major.stgs.*format version 1.1",
+            (UNSUPPORTED, "newer_major.stgs.*format version 1.4",
              self.fixture("newer_major.stgs")),
             (INVALID, "huge_count.stgs.*claims 4294967295 primitives",
              self.fixture("huge_count.stgs")),
-            (INVALID, "huge_bytes.stgs: .*lies outside the body", self.fixture("huge_bytes.stgs")),
+            (INVALID, "huge_bytes.stgs: .*do not lie in the body", self.fixture("huge_bytes.stgs")),
             (INVALID, "wrong_sum.stgs: .*hold 400 primitives, the total says 401",
              self.fixture("wrong_sum.stgs")),
         ]

@@ -80,12 +80,14 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"version", fmt::format("{}.{}", reader.version_major(), reader.version_minor())},
                {"profile", profile_name(reader.profile())},
                {"bytes", reader.file_bytes()},
+               {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
                {"sh_degree", reader.sh_degree()},
                {"frames", m.frames},
                {"fps", 1.0 / m.time_base.seconds(1)},
                {"duration_s", m.time_base.seconds(m.frames)},
+               {"chunk_s", m.time_base.seconds(reader.chunk_ticks())},
                {"time_base", {m.time_base.numerator, m.time_base.denominator}},
                {"bounds",
                 {{"min", std::vector<float>(m.bounds_min, m.bounds_min + 3)},
@@ -123,15 +125,16 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   std::string out = fmt::format(
       "{}\n"
       "  format           {}.{}, {}\n"
-      "  size             {} ({} bytes)\n"
+      "  size             {} ({} bytes), index and all before it {}\n"
       "  primitives       {}, {:.1f} bytes each, harmonics to degree {}\n"
       "  duration         {:.3f} s, {} frames at {:.6g} a second\n"
       "  bounds           {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}{}\n",
       path, reader.version_major(), reader.version_minor(), profile_name(reader.profile()),
-      human_bytes(reader.file_bytes()), reader.file_bytes(), reader.primitives(),
-      bytes_per_primitive(reader), reader.sh_degree(), m.time_base.seconds(m.frames), m.frames,
-      1.0 / m.time_base.seconds(1), m.bounds_min[0], m.bounds_min[1], m.bounds_min[2],
-      m.bounds_max[0], m.bounds_max[1], m.bounds_max[2], m.metric ? " m" : "");
+      human_bytes(reader.file_bytes()), reader.file_bytes(), human_bytes(reader.head_bytes()),
+      reader.primitives(), bytes_per_primitive(reader), reader.sh_degree(),
+      m.time_base.seconds(m.frames), m.frames, 1.0 / m.time_base.seconds(1), m.bounds_min[0],
+      m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2],
+      m.metric ? " m" : "");
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
   }
@@ -149,6 +152,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);
   if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);
+  out += fmt::format("  chunk            {:.4g} s, the shortest segment\n",
+                     m.time_base.seconds(reader.chunk_ticks()));
   out +=
       "\n  segment  level       tier      from s        to s  primitives       bytes   harmonics\n";
   for (std::size_t i = 0; i < reader.segments().size(); ++i) {

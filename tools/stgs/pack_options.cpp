@@ -13,9 +13,10 @@ void PackOptions::declare(CLI::App& app) {
       ->check(number_between(0, 100))
       ->capture_default_str()
       ->group(group);
-  app.add_option("--chunk", chunk_seconds_, "Shortest segment of the timeline, seconds")
+  app.add_option("--chunk", chunk_seconds_,
+                 "Shortest segment of the timeline, seconds; chosen for the scene's lifespans "
+                 "where it is not given")
       ->check(number_between(0.01, 3600))
-      ->capture_default_str()
       ->group(group);
   app.add_option("--tiers", tiers_,
                  "Parts of a segment by importance: a player may begin with the first alone")

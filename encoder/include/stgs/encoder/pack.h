@@ -12,9 +12,9 @@
 namespace stgs::encoder {
 
 struct PackSettings {
-  int quality = 85;  // 0..100
-  double chunk_seconds = 0.5;
-  int tiers = 3;  // 1..16
+  int quality = 85;          // 0..100
+  double chunk_seconds = 0;  // 0: chosen for the lifespans of the scene
+  int tiers = 3;             // 1..16
 };
 
 // A merged window: the frames at which its primitives are drawn.

@@ -118,6 +118,9 @@ class SceneReader {
   virtual int sh_degree() const = 0;
   virtual std::uint64_t primitives() const = 0;
   virtual std::uint64_t file_bytes() const = 0;
+  // Bytes that open() read: all that is needed for finding segments.
+  virtual std::uint64_t head_bytes() const = 0;
+  virtual double chunk_ticks() const = 0;  // the shortest segment of the timeline
   virtual const std::vector<SegmentInfo>& segments() const = 0;
   // At least one; segments are listed part after part.
   virtual const std::vector<ScenePart>& parts() const = 0;
@@ -141,9 +144,9 @@ enum class SceneCoder {
 
 struct WriteSettings {
   Profile profile = Profile::kLossless;
-  double chunk_seconds = 0.5;  // the timeline's chunk C
-  int quality = 85;            // 0..100, quantised profile only
-  int tiers = 3;               // 1..16, quantised profile only: parts of a segment by importance
+  double chunk_seconds = 0;  // the timeline's chunk C; 0: chosen for the lifespans of the scene
+  int quality = 85;          // 0..100, quantised profile only
+  int tiers = 3;             // 1..16, quantised profile only: parts of a segment by importance
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must

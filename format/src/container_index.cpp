@@ -1,0 +1,347 @@
+// SPDX-License-Identifier: Apache-2.0
+// INDX: which records hold what is alive when (spec 5).
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "bytes.h"
+#include "container.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr int kMaxLevel = 30;
+constexpr std::uint64_t kApart = 1, kMore = 2;  // bits of a segment's shape, spec 5.3
+
+bool persistent(const IndexEntry& entry) {
+  return entry.level < 0;
+}
+
+// Order of the segments of a part: by beginning, the longer first (spec 5.6).
+bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk) {
+  if (persistent(a) || persistent(b)) return persistent(a) && !persistent(b);
+  const double begin_a = begin_of(a.level, a.slot, chunk);
+  const double begin_b = begin_of(b.level, b.slot, chunk);
+  return begin_a != begin_b ? begin_a < begin_b : a.level > b.level;
+}
+
+// The place of a segment as one number: small where it follows the last one of its level in a part.
+class Places {
+ public:
+  std::uint64_t number_of(const IndexEntry& entry) {
+    std::uint64_t& next = next_[static_cast<std::size_t>(entry.level + 1)];
+    const std::uint64_t number = (entry.slot - next) << 5 | static_cast<unsigned>(entry.level + 1);
+    next = std::uint64_t{entry.slot} + 1;
+    return number;
+  }
+  // False where there is no such slot.
+  bool place_of(std::uint64_t number, IndexEntry& entry) {
+    std::uint64_t& next = next_[number & 31];
+    const std::uint64_t step = number >> 5;
+    const std::uint64_t last = (number & 31) == 0 ? 0 : std::numeric_limits<std::uint32_t>::max();
+    if (next > last || step > last - next) return false;
+    entry.level = static_cast<std::int16_t>(static_cast<int>(number & 31) - 1);
+    entry.slot = static_cast<std::uint32_t>(next + step);
+    next = std::uint64_t{entry.slot} + 1;
+    return true;
+  }
+
+ private:
+  std::array<std::uint64_t, kMaxLevel + 2> next_{};
+};
+
+class IndexReader {
+ public:
+  IndexReader(std::span<const std::uint8_t> payload, std::uint64_t offset, const RecordArea& area,
+              FileHead& head, Findings& findings)
+      : in_(payload),
+        offset_(offset),
+        at_(area.begin),
+        end_(area.end),
+        head_(head),
+        findings_(findings) {}
+
+  bool read() {
+    FileIndex& index = head_.index;
+    index.chunk_ticks = in_.f64();
+    index.primitives += in_.varint();
+    const std::uint64_t attributes = in_.varint();
+    if (attributes > in_.left() / 2) return cut_off();
+    index.attributes.resize(attributes);
+    for (AttributeBytes& row : index.attributes) {
+      const std::uint64_t attribute = in_.varint();
+      if (attribute > std::numeric_limits<std::uint16_t>::max()) return cut_off();
+      row = {static_cast<std::uint16_t>(attribute), in_.varint()};
+    }
+    const std::uint64_t parts = in_.varint();
+    if (!in_.ok()) return cut_off();
+    if (!(index.chunk_ticks > 0.0) || !std::isfinite(index.chunk_ticks)) {
+      findings_.error(N::kChunk, offset_, "index: a chunk of {} ticks", index.chunk_ticks);
+      return false;
+    }
+    for (std::uint64_t p = 0; p < parts; ++p) {
+      if (!read_part()) return false;
+    }
+    return true;
+  }
+
+ private:
+  std::uint64_t here() const { return offset_ + in_.position(); }
+
+  bool cut_off() {
+    findings_.error(N::kIndexLayout, here(),
+                    "index: cut off, or with a number of more bytes than it needs");
+    return false;
+  }
+
+  bool read_part() {  // spec 5.3
+    const std::uint64_t at = here();
+    PartEntry part;
+    part.begin = in_.f64();
+    part.end = in_.f64();
+    const std::uint64_t skip = in_.varint(), segments = in_.varint();
+    if (!in_.ok()) return cut_off();
+    if (!(part.begin >= 0.0 && part.begin < part.end && part.end <= head_.metadata.scene.frames)) {
+      findings_.error(N::kParts, at, "index: part {} lasts from {} to {} of {} frames",
+                      head_.parts.size(), part.begin, part.end, head_.metadata.scene.frames);
+      return false;
+    }
+    if (!advance(skip, at)) return false;
+    head_.parts.push_back(part);
+    Places places;
+    const std::size_t first = ordinal();
+    for (std::uint64_t s = 0; s < segments; ++s) {
+      if (!read_segment(places, first)) return false;
+    }
+    return true;
+  }
+
+  // Moves over bytes of the body.
+  bool advance(std::uint64_t bytes, std::uint64_t at) {
+    if (bytes <= end_ - at_) {
+      at_ += bytes;
+      return true;
+    }
+    findings_.error(N::kSegmentRange, at,
+                    "index: {} bytes from byte {} on do not lie in the body, which ends at {}",
+                    bytes, at_, end_);
+    return false;
+  }
+
+  // The record that comes next, of which the index tells the bytes of the payload.
+  bool take_record(IndexEntry& entry, std::uint64_t at) {
+    const std::uint64_t payload = in_.varint();
+    if (!in_.ok()) return cut_off();
+    entry.offset = at_;
+    if (!advance(kRecordHeaderBytes, at) || !advance(payload, at)) return false;
+    entry.bytes = kRecordHeaderBytes + payload;
+    return true;
+  }
+
+  // `part_first`: number of the part's first segment.
+  bool read_segment(Places& places, std::size_t part_first) {  // spec 5.3
+    const std::uint64_t at = here();
+    const std::uint64_t number = in_.varint(), shape = in_.varint();
+    if (!in_.ok()) return cut_off();
+    SegmentEntry segment;
+    segment.part = static_cast<std::uint32_t>(head_.parts.size() - 1);
+    IndexEntry& base = segment.base;
+    if (!places.place_of(number, base) || empty(interval_of(head_, segment))) {
+      findings_.error(N::kSegmentInterval, at, "index: segment {} lies outside its part",
+                      ordinal());
+      return false;
+    }
+    if (ordinal() > part_first &&
+        !comes_before(head_.index.segments.back().base, base, head_.index.chunk_ticks)) {
+      findings_.error(N::kSegmentOrder, at, "index: segment {} is out of order", ordinal());
+      return false;
+    }
+    const std::uint64_t tiers = (shape >> 2) + 1;
+    if (tiers > kMaxTiers) {
+      findings_.error(N::kIndexLayout, at, "index: segment {} has {} tiers", ordinal(), tiers);
+      return false;
+    }
+    const std::size_t first = head_.index.segments.size();
+    for (std::uint64_t t = 0; t < tiers; ++t) {
+      base.layer = layer_of(Content::kPrimitives, static_cast<int>(t));
+      if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at)) {
+        return false;
+      }
+      head_.index.segments.push_back(segment);
+    }
+    for (std::size_t i = first; (shape & kApart) != 0 && i < first + tiers; ++i) {
+      SegmentEntry& tier = head_.index.segments[i];
+      IndexEntry harmonics = tier.base;
+      harmonics.layer = layer_of(Content::kHarmonics, tier_of(tier.base.layer));
+      if (!take_record(harmonics, at) || !enough_bytes(harmonics, at)) return false;
+      tier.harmonics = harmonics;
+    }
+    return (shape & kMore) == 0 || skip_refinements(at);
+  }
+
+  // What this version does not know, and does without (spec 5.7).
+  bool skip_refinements(std::uint64_t at) {
+    const std::uint64_t records = in_.varint();
+    for (std::uint64_t i = 0; i < records; ++i) {
+      const std::uint64_t layer = in_.varint();
+      if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() ||
+                       content_of(static_cast<std::uint16_t>(layer)) <= kLastContent)) {
+        findings_.error(N::kSegmentOrder, at, "index: layer {} is not a refinement's", layer);
+        return false;
+      }
+      IndexEntry skipped;
+      if (!take_record(skipped, at)) return false;
+    }
+    return in_.ok() || cut_off();
+  }
+
+  bool take_primitives(IndexEntry& entry, std::uint64_t at) {
+    const std::uint64_t primitives = in_.varint();
+    if (!in_.ok()) return cut_off();
+    if (primitives == 0 || primitives > std::numeric_limits<std::uint32_t>::max()) {
+      findings_.error(N::kSegmentCount, at, "index: segment {} has {} primitives", ordinal(),
+                      primitives);
+      return false;
+    }
+    entry.primitives = static_cast<std::uint32_t>(primitives);
+    return true;
+  }
+
+  bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
+    if ((entry.primitives + kMaxExpansion - 1) / kMaxExpansion <= entry.bytes) return true;
+    findings_.error(N::kSegmentCount, at, "index: segment {} claims {} primitives in {} bytes",
+                    ordinal(), entry.primitives, entry.bytes);
+    return false;
+  }
+
+  std::size_t ordinal() const { return head_.index.segments.size(); }
+  static bool empty(const Interval& interval) { return !(interval.begin < interval.end); }
+
+  ByteReader in_;
+  std::uint64_t offset_;    // of the payload
+  std::uint64_t at_, end_;  // where the next record begins and the last may end
+  FileHead& head_;
+  Findings& findings_;
+};
+
+void check_limits(const FileHead& head, std::uint64_t offset, const ReadLimits& limits,
+                  Findings& findings) {
+  const FileIndex& index = head.index;
+  std::uint64_t total = 0;
+  const std::uint64_t bytes = 4 * floats_per_primitive(head.metadata.sh_degree);
+  for (std::size_t i = 0; i < index.segments.size(); ++i) {
+    const IndexEntry& entry = index.segments[i].base;
+    total += entry.primitives;
+    if (entry.primitives > limits.max_memory / bytes) {
+      findings.unsupported(N::kMemoryLimit, offset,
+                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
+                           i, entry.primitives * bytes, limits.max_memory);
+    }
+  }
+  if (total != index.primitives) {
+    findings.error(N::kPrimitiveTotal, offset,
+                   "index: the segments hold {} primitives, the total says {}", total,
+                   index.primitives);
+  }
+  if (total > limits.max_primitives) {
+    findings.unsupported(N::kPrimitiveLimit, offset,
+                         "index: {} primitives, more than the limit of {}", total,
+                         limits.max_primitives);
+  }
+}
+
+// The tiers of the segment that begins at `first`: one past the last.
+std::size_t end_of_run(std::span<const SegmentEntry> segments, std::size_t first) {
+  const auto place = [&](std::size_t i) {
+    const SegmentEntry& segment = segments[i];
+    return std::tuple(segment.part, segment.base.level, segment.base.slot);
+  };
+  std::size_t end = first;
+  while (end < segments.size() && place(end) == place(first)) ++end;
+  return end;
+}
+
+void write_run(std::span<const SegmentEntry> tiers, Places& places, ByteWriter& out) {
+  const bool apart = tiers[0].harmonics.bytes > 0;
+  out.varint(places.number_of(tiers[0].base));
+  out.varint((tiers.size() - 1) << 2 | (apart ? kApart : 0));
+  for (const SegmentEntry& tier : tiers) {
+    out.varint(tier.base.primitives);
+    out.varint(tier.base.bytes - kRecordHeaderBytes);
+  }
+  for (const SegmentEntry& tier : tiers) {
+    if (apart) out.varint(tier.harmonics.bytes - kRecordHeaderBytes);
+  }
+}
+
+}  // namespace
+
+double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
+  return level < 0 ? 0.0 : slot * std::ldexp(chunk_ticks, level - 1);
+}
+
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part) {
+  if (level < 0) return part;
+  const double begin = begin_of(level, slot, chunk_ticks);
+  return {std::max(begin, part.begin), std::min(begin + std::ldexp(chunk_ticks, level), part.end)};
+}
+
+Interval interval_of(const FileHead& head, const SegmentEntry& segment) {
+  const PartEntry& part = head.parts[segment.part];
+  return interval_of(segment.base.level, segment.base.slot, head.index.chunk_ticks,
+                     {part.begin, part.end});
+}
+
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                 const RecordArea& area, const ReadLimits& limits, FileHead& head,
+                 Findings& findings) {
+  if (!IndexReader(payload, offset, area, head, findings).read()) return false;
+  check_limits(head, offset, limits, findings);
+  return true;
+}
+
+std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts) {
+  ByteWriter out;
+  out.f64(index.chunk_ticks);
+  out.varint(index.primitives);
+  out.varint(index.attributes.size());
+  for (const AttributeBytes& attribute : index.attributes) {
+    out.varint(attribute.attribute);
+    out.varint(attribute.bytes);
+  }
+  out.varint(parts.size());
+  const std::span<const SegmentEntry> segments(index.segments);
+  std::size_t next = 0;
+  for (std::uint32_t p = 0; p < parts.size(); ++p) {
+    out.f64(parts[p].begin);
+    out.f64(parts[p].end);
+    out.varint(parts[p].skip);
+    ByteWriter rows;
+    std::uint64_t runs = 0;
+    Places places;
+    for (; next < segments.size() && segments[next].part == p; ++runs) {
+      const std::size_t end = end_of_run(segments, next);
+      write_run(segments.subspan(next, end - next), places, rows);
+      next = end;
+    }
+    out.varint(runs);
+    out.bytes(rows.view());
+  }
+  return out.take();
+}
+
+std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
+  std::vector<IndexEntry*> records;
+  for (std::size_t begin = 0; begin < segments.size();) {
+    const std::size_t end = end_of_run(segments, begin);
+    for (std::size_t i = begin; i < end; ++i) records.push_back(&segments[i].base);
+    for (; begin < end; ++begin) {
+      if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);
+    }
+  }
+  return records;
+}
+
+}  // namespace stgs

@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a player must read of a long timeline: its first read, and a seek to each frame; as JSON.
+//   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS] [-o FILE.stgs]
+// A tenth of the primitives live through all of it. The lives of the others begin anywhere and last
+// from 0.1 to 20 seconds, each octave as often as any other.
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "../api/scene_fixture.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/output_file.h"
+
+using namespace stgs;
+
+namespace {
+
+struct Options {
+  std::size_t primitives = 2'000'000;
+  std::uint32_t frames = 18'000;
+  int degree = 3;
+  double chunk_seconds = 0;
+  std::string output;
+};
+
+constexpr double kFps = 30.0;
+constexpr double kShortest = 0.1 * kFps, kLongest = 20.0 * kFps;  // lives, frames
+// Two ranges this near are fetched as one.
+constexpr std::uint64_t kGap = 16 * 1024;
+
+Scene timeline(const Options& options) {
+  Scene scene =
+      testing::random_scene(options.primitives, options.degree, options.frames, /*seed=*/17);
+  std::mt19937 random(23);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  Gaussians4D& set = scene.gaussians;
+  const auto clip = static_cast<float>(options.frames);
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    set.opacity_logit[i] = std::clamp(set.opacity_logit[i], -3.0f, 6.0f);
+    if (i % 10 == 0) {
+      set.time[i] = 0.5f * clip;
+      set.sigma[i] = clip;
+      set.radius[i] = clip;
+      continue;
+    }
+    const auto octaves = static_cast<float>(std::log2(kLongest / kShortest));
+    const float half = 0.5f * static_cast<float>(kShortest) * std::exp2(octaves * uniform(random));
+    const float edge = std::sqrt(std::log(255.0f * math::opacity_of(set.opacity_logit[i])));
+    set.radius[i] = half * 0.6f * uniform(random);
+    set.sigma[i] = (half - set.radius[i]) / edge;
+    set.time[i] = clip * uniform(random);
+  }
+  return scene;
+}
+
+// Bytes of a segment's records.
+std::uint64_t bytes_of(const SegmentInfo& segment) {
+  return segment.bytes + segment.harmonics_bytes;
+}
+
+// For each frame the bytes of what is alive there: its segments', shared out among their
+// primitives.
+Result<std::vector<double>> alive_bytes(const SceneReader& reader) {
+  const std::uint32_t frames = reader.metadata().frames;
+  std::vector<double> change(frames + 1, 0.0);
+  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
+    STGS_ASSIGN(const Gaussians4D set, reader.decode(s, false));
+    const double share =
+        static_cast<double>(bytes_of(reader.segments()[s])) / static_cast<double>(set.size());
+    for (std::size_t i = 0; i < set.size(); ++i) {
+      const double half =
+          math::support_half_width(math::opacity_of(set.opacity_logit[i]), set.sigma[i],
+                                   set.radius[i], math::kAlphaThreshold);
+      const double first = std::max(0.0, std::ceil(set.time[i] - half));
+      const double last = std::min<double>(frames - 1, std::floor(set.time[i] + half));
+      if (half < 0.0 || first > last) continue;
+      change[static_cast<std::size_t>(first)] += share;
+      change[static_cast<std::size_t>(last) + 1] -= share;
+    }
+  }
+  for (std::size_t f = 1; f < frames; ++f) change[f] += change[f - 1];
+  change.pop_back();
+  return change;
+}
+
+// What a seek to a frame fetches.
+struct Seek {
+  std::uint64_t needed = 0;  // bytes of the records
+  std::uint64_t read = 0;    // with the gaps that are not worth a range of their own
+  std::size_t ranges = 0, exact_ranges = 0, segments = 0;
+  std::uint64_t primitives = 0;
+};
+
+Seek seek_to(const SceneReader& reader, double t) {
+  Seek seek;
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> ranges;  // begin, end
+  for (const std::uint32_t s : reader.segments_between(t, t)) {
+    const SegmentInfo& segment = reader.segments()[s];
+    ranges.emplace_back(segment.offset, segment.offset + segment.bytes);
+    if (segment.harmonics_bytes > 0) {
+      ranges.emplace_back(segment.harmonics_offset,
+                          segment.harmonics_offset + segment.harmonics_bytes);
+    }
+    seek.needed += bytes_of(segment);
+    seek.primitives += segment.primitives;
+    ++seek.segments;
+  }
+  std::sort(ranges.begin(), ranges.end());
+  std::uint64_t end = 0, begin = 0;
+  for (const auto& range : ranges) {
+    seek.exact_ranges += range.first != end ? 1 : 0;
+    if (end == 0 || range.first > end + kGap) {
+      seek.read += end - begin;
+      begin = range.first;
+      ++seek.ranges;
+    }
+    end = range.second;
+  }
+  seek.read += end - begin;
+  return seek;
+}
+
+// Mean and greatest of a figure over the frames.
+struct Spread {
+  double sum = 0.0, most = 0.0;
+  std::size_t count = 0;
+  void add(double v) {
+    sum += v;
+    most = std::max(most, v);
+    ++count;
+  }
+  nlohmann::json json() const {
+    return {{"mean", sum / static_cast<double>(std::max<std::size_t>(1, count))}, {"most", most}};
+  }
+};
+
+std::uint64_t resident_bytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+Result<nlohmann::json> measure(const SceneReader& reader) {
+  const std::uint64_t persistent = [&reader] {
+    std::uint64_t bytes = 0;
+    for (const SegmentInfo& s : reader.segments()) bytes += s.level < 0 ? bytes_of(s) : 0;
+    return bytes;
+  }();
+  STGS_ASSIGN(const std::vector<double> alive, alive_bytes(reader));
+  Spread ratio, passing, ranges, exact, segments, read, memory;
+  const auto coefficients =
+      static_cast<double>((reader.sh_degree() + 1) * (reader.sh_degree() + 1));
+  for (std::size_t f = 0; f < alive.size(); ++f) {
+    const Seek seek = seek_to(reader, static_cast<double>(f));
+    ratio.add(static_cast<double>(seek.read) / alive[f]);
+    passing.add((static_cast<double>(seek.needed) - static_cast<double>(persistent)) /
+                (alive[f] - static_cast<double>(persistent)));
+    ranges.add(static_cast<double>(seek.ranges));
+    exact.add(static_cast<double>(seek.exact_ranges));
+    segments.add(static_cast<double>(seek.segments));
+    read.add(static_cast<double>(seek.read));
+    memory.add(static_cast<double>(seek.primitives) * 4.0 * (17.0 + 3.0 * coefficients));
+  }
+  return nlohmann::json{{"read_of_alive", ratio.json()},
+                        {"read_of_alive_without_persistent", passing.json()},
+                        {"bytes", read.json()},
+                        {"ranges", ranges.json()},
+                        {"ranges_without_gaps", exact.json()},
+                        {"segments", segments.json()},
+                        {"decoded_bytes", memory.json()}};
+}
+
+Status run(const Options& options) {
+  std::vector<std::uint8_t> bytes;
+  double encode_s = 0;
+  {
+    const Scene scene = timeline(options);
+    WriteSettings settings;
+    settings.profile = Profile::kQuantised;
+    settings.chunk_seconds = options.chunk_seconds;
+    const auto start = std::chrono::steady_clock::now();
+    STGS_ASSIGN(bytes, encode_scene(scene, settings));
+    encode_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  if (!options.output.empty()) STGS_TRY(write_file_atomically(options.output, bytes));
+  const auto start = std::chrono::steady_clock::now();
+  STGS_ASSIGN(const auto reader, SceneReader::open(memory_source(std::move(bytes))));
+  const std::chrono::duration<double> open_s = std::chrono::steady_clock::now() - start;
+  STGS_ASSIGN(nlohmann::json seeks, measure(*reader));
+  const std::size_t rows = reader->segments().size();
+  const nlohmann::json out = {
+      {"primitives", reader->primitives()},
+      {"frames", reader->metadata().frames},
+      {"bytes", reader->file_bytes()},
+      {"chunk_s", reader->metadata().time_base.seconds(reader->chunk_ticks())},
+      {"segments", rows},
+      {"first_read_bytes", reader->head_bytes()},
+      {"first_read_bytes_a_segment", static_cast<double>(reader->head_bytes()) /
+                                         static_cast<double>(std::max<std::size_t>(1, rows))},
+      {"encode_s", encode_s},
+      {"open_s", open_s.count()},
+      {"seek", std::move(seeks)},
+      {"peak_memory_bytes", resident_bytes()}};
+  std::printf("%s\n", out.dump(2).c_str());
+  return {};
+}
+
+bool parse(int argc, char** argv, Options& options) {
+  for (int i = 1; i < argc; i += 2) {
+    if (i + 1 == argc) return false;
+    const std::string_view name = argv[i];
+    if (name == "--primitives") {
+      options.primitives = std::strtoull(argv[i + 1], nullptr, 10);
+    } else if (name == "--frames") {
+      options.frames = static_cast<std::uint32_t>(std::strtoul(argv[i + 1], nullptr, 10));
+    } else if (name == "--degree") {
+      options.degree = std::clamp(std::atoi(argv[i + 1]), 0, 3);
+    } else if (name == "--chunk") {
+      options.chunk_seconds = std::strtod(argv[i + 1], nullptr);
+    } else if (name == "-o") {
+      options.output = argv[i + 1];
+    } else {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  if (!parse(argc, argv, options)) {
+    std::fprintf(stderr,
+                 "usage: bench_timeline [--primitives N] [--frames F] [--degree D] "
+                 "[--chunk SECONDS] [-o FILE.stgs]\n");
+    return 1;
+  }
+  const Status status = run(options);
+  if (!status.ok()) std::fprintf(stderr, "bench_timeline: %s\n", status.message().c_str());
+  return static_cast<int>(status.code());
+}
