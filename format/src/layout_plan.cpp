@@ -18,21 +18,37 @@ double log_term(std::uint64_t count) {
 // Symbols that share a table.
 struct Cluster {
   std::array<std::uint64_t, 256> counts{};
+  std::array<double, 256> terms{};  // count log2 count
   std::uint64_t total = 0;
-  double terms = 0.0;  // sum of count log2 count
+  double sum = 0.0;  // of the terms
   int used = 0;
 
-  // Bits of the symbols with the best table, and of the table.
-  double cost() const {
-    return log_term(total) - terms + (used > 1 ? kSymbolBits * used : 0.0) + kTableBits;
+  // Bits of so many symbols with the best table, and of the table.
+  static double cost(std::uint64_t total, double sum, int used) {
+    return log_term(total) - sum + (used > 1 ? kSymbolBits * used : 0.0) + kTableBits;
+  }
+  double cost() const { return cost(total, sum, used); }
+  // Of the symbols of both.
+  double cost_with(const Cluster& other) const {
+    double both = 0.0;
+    int either = 0;
+    for (std::size_t s = 0; s < 256; ++s) {
+      const std::uint64_t count = counts[s] + other.counts[s];
+      if (count == 0) continue;
+      ++either;
+      const bool shared = counts[s] != 0 && other.counts[s] != 0;
+      both += shared ? log_term(count) : terms[s] + other.terms[s];
+    }
+    return cost(total + other.total, both, either);
   }
   void add(const Cluster& other) {
     total += other.total;
-    terms = 0.0;
+    sum = 0.0;
     used = 0;
     for (std::size_t s = 0; s < 256; ++s) {
       counts[s] += other.counts[s];
-      terms += log_term(counts[s]);
+      terms[s] = log_term(counts[s]);
+      sum += terms[s];
       used += counts[s] != 0 ? 1 : 0;
     }
   }
@@ -73,9 +89,7 @@ TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
     std::size_t best = clusters.size();
     double least = clusters.size() < kMaxTables ? 0.0 : 1e300;
     for (std::size_t k = 0; k < clusters.size(); ++k) {
-      Cluster both = clusters[k];
-      both.add(alone[p]);
-      const double more = both.cost() - clusters[k].cost() - alone[p].cost();
+      const double more = clusters[k].cost_with(alone[p]) - clusters[k].cost() - alone[p].cost();
       if (more >= least) continue;
       least = more;
       best = k;

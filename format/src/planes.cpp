@@ -29,17 +29,28 @@ bool is_morton(const Integers& integers) {
   return !integers.morton.empty();
 }
 
-// Value i of a component as prediction leaves it (spec 7.4).
-std::uint64_t value_of(const Integers& integers, std::uint32_t least, Prediction prediction,
-                       std::size_t n, std::size_t component, std::size_t i) {
+// visit(i, v) for the values v of a component as prediction leaves them (spec 7.4).
+template <typename Visit>
+void each_value(const Integers& integers, std::uint32_t least, Prediction prediction,
+                std::size_t component, const Visit& visit) {
+  const std::size_t n = size_of(integers);
+  if (n == 0) return;
+  const auto signed_value = [](std::uint32_t q) { return zigzag(static_cast<std::int32_t>(q)); };
   if (prediction == Prediction::kMorton) {
-    return i == 0 ? 0 : integers.morton[i] - integers.morton[i - 1];
+    const std::uint64_t* const key = integers.morton.data();
+    visit(std::size_t{0}, std::uint64_t{0});
+    for (std::size_t i = 1; i < n; ++i) visit(i, key[i] - key[i - 1]);
+    return;
   }
   const std::uint32_t* const q = integers.values.data() + component * n;
-  const std::uint32_t now = q[i] - least;
-  if (prediction == Prediction::kPlain) return now;
-  if (prediction == Prediction::kZigzag || i == 0) return zigzag(static_cast<std::int32_t>(now));
-  return zigzag(static_cast<std::int32_t>(q[i] - q[i - 1]));
+  if (prediction == Prediction::kPlain) {
+    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{q[i] - least});
+  } else if (prediction == Prediction::kZigzag) {
+    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{signed_value(q[i] - least)});
+  } else {
+    visit(std::size_t{0}, std::uint64_t{signed_value(q[0] - least)});
+    for (std::size_t i = 1; i < n; ++i) visit(i, std::uint64_t{signed_value(q[i] - q[i - 1])});
+  }
 }
 
 // Bits of a component's values in all records, and some of them, evenly from all.
@@ -52,18 +63,29 @@ Sample sample_of(std::span<const Integers* const> records, std::size_t total, st
                  Prediction prediction, std::size_t component) {
   const std::size_t stride = std::max<std::size_t>(1, total / kSamples) * kRun;
   std::uint64_t all = 0;
-  std::size_t at = 0;  // over all records
+  std::size_t at = 0;  // of a stride
   Sample out;
   for (const Integers* record : records) {
-    const std::size_t n = size_of(*record);
-    for (std::size_t i = 0; i < n; ++i, ++at) {
-      const std::uint64_t v = value_of(*record, least, prediction, n, component, i);
+    each_value(*record, least, prediction, component, [&](std::size_t, std::uint64_t v) {
       all |= v;
-      if (at % stride < kRun) out.values.push_back(v);
-    }
+      if (at < kRun) out.values.push_back(v);
+      if (++at == stride) at = 0;
+    });
   }
   out.bits = static_cast<int>(std::bit_width(all));
   return out;
+}
+
+// count log2 count of the counts that a sample has.
+double log_term(std::size_t count) {
+  static const std::vector<double> terms = [] {
+    std::vector<double> out(2 * (kSamples + kRun));
+    for (std::size_t i = 1; i < out.size(); ++i) {
+      out[i] = static_cast<double>(i) * std::log2(static_cast<double>(i));
+    }
+    return out;
+  }();
+  return terms[count];
 }
 
 // Bits that `total` digits like the sample's take, and their table.
@@ -72,12 +94,12 @@ double digit_cost(const Sample& sample, int shift, int width, double total) {
   const std::uint64_t mask = (1u << width) - 1;
   for (const std::uint64_t v : sample.values) ++counts[v >> shift & mask];
   const auto samples = static_cast<double>(sample.values.size());
-  double bits = 0.0;
+  double bits = log_term(sample.values.size());
   int used = 0;
   for (const std::uint32_t count : counts) {
     if (count == 0) continue;
     ++used;
-    bits += count * (std::log2(samples) - std::log2(count));
+    bits -= log_term(count);
   }
   if (used < 2) return 0.0;
   // What a sample's entropy falls short of the whole's, about.
@@ -246,9 +268,8 @@ void append_planes(const Integers& integers, const StreamPlan& plan,
   const auto prediction = static_cast<Prediction>(plan.row.prediction);
   std::vector<std::uint64_t> values(n);
   for (std::size_t c = 0; c < plan.row.components; ++c) {
-    for (std::size_t i = 0; i < n; ++i) {
-      values[i] = value_of(integers, plan.least[c], prediction, n, c, i);
-    }
+    each_value(integers, plan.least[c], prediction, c,
+               [&](std::size_t i, std::uint64_t v) { values[i] = v; });
     int shift = 0;
     for (std::size_t d = 0; d < plan.row.digits; shift += plan.row.digit_bits[d++]) {
       const std::size_t at = planes.size();

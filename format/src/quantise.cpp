@@ -22,8 +22,16 @@ constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
 
+// 2^e for |e| <= 1022.
+double power_of_two(int e) {
+  return std::bit_cast<double>(static_cast<std::uint64_t>(e + 1023) << 52);
+}
+
+// x in steps of 2^exponent; halves away from 0.
 std::int64_t nearest(double x, int exponent) {
-  return std::llround(std::ldexp(x, -exponent));
+  constexpr double kMost = 0x1p62;
+  const double steps = std::clamp(x * power_of_two(-exponent), -kMost, kMost);
+  return static_cast<std::int64_t>(steps + std::copysign(0.5, steps));
 }
 
 float on_grid(float x, int exponent) {
@@ -198,7 +206,7 @@ std::vector<float> decoded_log_scales(const Integers& integers) {
 
 // A little towards 0 before rounding: more zeros for less than they cost (spec 8.6).
 double towards_zero(double x, int exponent) {
-  return std::copysign(std::max(0.0, std::abs(x) - std::ldexp(kDeadZone, exponent)), x);
+  return std::copysign(std::max(0.0, std::abs(x) - kDeadZone * power_of_two(exponent)), x);
 }
 
 // Luma and two chroma integers for each coefficient, zero-centred (spec 7.5.6).

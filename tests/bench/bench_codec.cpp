@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encode and decode speed, size by attribute and error of both profiles, as JSON.
+// Encode and decode speed, size by attribute and error of both profiles, and a table of the coders
+// by attribute, as JSON.
 //   bench_codec [SCENE.stgs | primitives [sh_degree]]
 #include <tbb/global_control.h>
 
@@ -13,6 +14,7 @@
 #include <string_view>
 
 #include "../api/scene_fixture.h"
+#include "coder_table.h"
 #include "stgs/format/raster.h"
 
 using namespace stgs;
@@ -140,6 +142,7 @@ int main(int argc, char** argv) {
       settings.quality = quality;
       row[fmt::format("quality_{}", quality)] = measure(scene, settings);
     }
+    if (threads == 1) row["coders"] = bench::coder_table(scene);
   }
   std::printf("%s\n", out.dump(2).c_str());
   return 0;

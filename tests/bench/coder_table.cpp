@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "coder_table.h"
+
+#include <zstd.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "layout_plan.h"
+#include "planes.h"
+#include "quantise.h"
+#include "rans.h"
+
+namespace stgs::bench {
+namespace {
+
+// Millions of primitives a second, from the least of the runs in 0.1 s.
+template <typename Work>
+double speed(std::size_t primitives, Work work) {
+  using Clock = std::chrono::steady_clock;
+  const auto begin = Clock::now();
+  double best = 1e30;
+  do {
+    const auto start = Clock::now();
+    work();
+    best = std::min(best, std::chrono::duration<double>(Clock::now() - start).count());
+  } while (Clock::now() - begin < std::chrono::milliseconds(100));
+  return std::round(static_cast<double>(primitives) / best / 1e5) / 10.0;
+}
+
+nlohmann::json row_of(std::size_t bytes, std::size_t n, double encode, double decode) {
+  return {{"bits", std::round(800.0 * static_cast<double>(bytes) / static_cast<double>(n)) / 100},
+          {"encode_mprimitives_per_s", encode},
+          {"decode_mprimitives_per_s", decode}};
+}
+
+std::vector<std::uint8_t> planes_of(const Integers& integers, Coder coder, StreamPlan& plan) {
+  const Integers* const records[] = {&integers};
+  plan = plan_stream(records, coder);
+  std::vector<std::uint8_t> planes;
+  append_planes(integers, plan, planes);
+  return planes;
+}
+
+nlohmann::json measure_bytes(const Integers& integers, std::size_t n, nlohmann::json& stored) {
+  StreamPlan plan;
+  const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kBytes, plan);
+  std::vector<std::uint8_t> to(planes.size());
+  const double copy = speed(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
+  stored = row_of(planes.size(), n, copy, copy);
+  constexpr int kLevel = 9;
+  const std::vector<std::uint8_t> frame = compress_planes(planes, n, kLevel);
+  return row_of(
+      frame.size(), n, speed(n, [&] { (void)compress_planes(planes, n, kLevel); }),
+      speed(n, [&] { (void)ZSTD_decompress(to.data(), to.size(), frame.data(), frame.size()); }));
+}
+
+nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
+  StreamPlan plan;
+  const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kRans, plan);
+  const std::size_t count = plan.row.planes();
+  const auto plane = [&](std::size_t p) { return std::span(planes).subspan(p * n, n); };
+  TablePlan tables;
+  std::vector<std::uint8_t> group;
+  const auto encode = [&] {
+    std::vector<SymbolCounts> counts(count);
+    for (std::size_t p = 0; p < count; ++p) {
+      for (const std::uint8_t s : plane(p)) ++counts[p][s];
+    }
+    tables = plan_tables(counts);
+    std::vector<RansPlane> coded;
+    for (std::size_t p = 0; p < count; ++p) {
+      const RansTable& table = tables.tables[tables.table_of[p]];
+      if (only_symbol(table) < 0) coded.push_back({plane(p), &table});
+    }
+    group = *rans_encode(coded, n);
+  };
+  const double encode_speed = speed(n, encode);
+  ByteWriter stored;
+  for (const RansTable& table : tables.tables) write_rans_table(table, stored);
+  std::vector<RansLookup> lookups(tables.tables.size());
+  for (std::size_t t = 0; t < lookups.size(); ++t) rans_lookup(tables.tables[t], lookups[t]);
+  std::vector<std::uint8_t> to(n);
+  const double decode_speed = speed(n, [&] {
+    auto decoder = RansGroupDecoder::open(group, n);
+    for (std::size_t p = 0; p < count; ++p) {
+      const std::uint16_t table = tables.table_of[p];
+      if (only_symbol(tables.tables[table]) < 0) decoder->next_plane(lookups[table], to.data());
+    }
+    if (!decoder->finish()) std::abort();
+  });
+  return row_of(group.size() + stored.size(), n, encode_speed, decode_speed);
+}
+
+}  // namespace
+
+nlohmann::json coder_table(const Scene& scene) {
+  const std::uint32_t frames = scene.metadata.frames;
+  const std::vector<float> importance =
+      scene.importance.empty() ? importance_by_size(scene.gaussians, frames) : scene.importance;
+  const Quantiser quantiser(scene.gaussians, importance, frames, 85);
+  const PartRange all{
+      0, static_cast<std::uint32_t>(scene.gaussians.size()), {0.0, static_cast<double>(frames)}};
+  const Gaussians4D snapped = quantiser.snap_lifespans(scene.gaussians, {&all, 1});
+  std::vector<std::uint32_t> members(snapped.size()), order;
+  double mean = 0.0;
+  for (std::uint32_t i = 0; i < members.size(); ++i) {
+    members[i] = i;
+    mean += importance[i] / static_cast<double>(members.size());
+  }
+  const GroupSteps steps = quantiser.steps_of(snapped, members, mean);
+  nlohmann::json out;
+  for (const Integers& integers : quantiser.quantise(snapped, steps, 0.0, order)) {
+    nlohmann::json& row = out[name_of(integers.attribute)];
+    row["zstd"] = measure_bytes(integers, snapped.size(), row["stored"]);
+    row["rans"] = measure_rans(integers, snapped.size());
+  }
+  return out;
+}
+
+}  // namespace stgs::bench
