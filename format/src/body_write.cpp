@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <functional>
 #include <map>
 
 #include "layout_plan.h"
@@ -37,23 +38,49 @@ std::vector<Integers> lossless_integers(const Gaussians4D& set) {
   return out;
 }
 
-// The members of a segment as so many tiers of like size, those of most importance first; fewer
-// where tiers would be small.
-std::vector<SegmentMembers> tiers_of(SegmentMembers segment, std::span<const float> importance,
-                                     int tiers) {
-  const std::size_t n = segment.members.size();
-  const auto count = std::clamp<std::size_t>(n / kLeastTier, 1, static_cast<std::size_t>(tiers));
-  if (count == 1) return {std::move(segment)};
-  std::stable_sort(segment.members.begin(), segment.members.end(),
-                   [&](std::uint32_t a, std::uint32_t b) { return importance[a] > importance[b]; });
-  std::vector<SegmentMembers> out(count);
-  for (std::size_t t = 0; t < count; ++t) {
-    const auto at = [&](std::size_t k) {
-      return segment.members.begin() + static_cast<std::ptrdiff_t>(k * n / count);
-    };
-    out[t] = {segment.place, {at(t), at(t + 1)}};
-    std::sort(out[t].members.begin(), out[t].members.end());
+// Where tiers by importance end: the least importance in each but the last, of so many tiers of
+// like size of the whole scene.
+std::vector<float> tier_bounds(std::span<const float> importance, int tiers) {
+  std::vector<float> sorted(importance.begin(), importance.end()), bounds;
+  for (int t = 1; t < tiers && !sorted.empty(); ++t) {
+    const auto at =
+        sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * static_cast<std::size_t>(t) /
+                                                     static_cast<std::size_t>(tiers));
+    std::nth_element(sorted.begin(), at, sorted.end(), std::greater<>());
+    bounds.push_back(*at);
   }
+  return bounds;
+}
+
+// Members of a segment that a tier has.
+struct Tier {
+  int importance = 0;
+  std::vector<std::uint32_t> members;
+};
+
+// The members by tier, those of most importance first; a tier that would be small goes with the one
+// before or after it.
+std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
+                           std::span<const float> importance, const std::vector<float>& bounds) {
+  std::vector<Tier> all(bounds.size() + 1);
+  for (const std::uint32_t i : members) {
+    std::size_t t = 0;
+    while (t < bounds.size() && importance[i] < bounds[t]) ++t;
+    all[t].members.push_back(i);
+  }
+  std::vector<Tier> out;
+  for (std::size_t t = 0; t < all.size(); ++t) {
+    all[t].importance = static_cast<int>(t);
+    const bool small = all[t].members.size() < kLeastTier;
+    if (out.empty() || (!small && out.back().members.size() >= kLeastTier)) {
+      out.push_back(std::move(all[t]));
+      continue;
+    }
+    Tier& last = out.back();
+    if (all[t].members.size() > last.members.size()) last.importance = static_cast<int>(t);
+    last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
+  }
+  for (Tier& tier : out) std::sort(tier.members.begin(), tier.members.end());
   return out;
 }
 
@@ -64,45 +91,78 @@ double mean_importance(const std::vector<std::uint32_t>& members,
   return sum / static_cast<double>(members.size());
 }
 
+// A segment of a tier, and what its layouts follow from.
+struct Piece {
+  SegmentMembers segment;
+  int importance = 0;  // tier by importance
+  int kind = 0;        // level, or kConstant
+};
+constexpr int kConstant = -2;
+
+// What is seen alike at all moments of the interval and stands still; see
+// Quantiser::snap_lifespans.
+bool is_constant(const Gaussians4D& set, std::uint32_t i, const Interval& interval) {
+  const float* u = set.velocity.data() + 3 * std::size_t{i};
+  return u[0] == 0.0f && u[1] == 0.0f && u[2] == 0.0f && set.sigma[i] == 1.0f &&
+         2.0 * set.radius[i] >= interval.end - interval.begin;
+}
+
+// A tier whose constant primitives, if they are many, come apart from the others: all their lives
+// are one symbol then.
+std::vector<Piece> pieces_of(Place place, Tier tier, const Gaussians4D& set,
+                             const Interval& interval) {
+  Piece constant{{place, {}}, tier.importance, kConstant};
+  Piece other{{place, {}}, tier.importance, place.level};
+  for (const std::uint32_t i : tier.members) {
+    (is_constant(set, i, interval) ? constant : other).segment.members.push_back(i);
+  }
+  if (constant.segment.members.size() < kLeastTier || other.segment.members.size() < kLeastTier) {
+    return {{{place, std::move(tier.members)}, tier.importance, place.level}};
+  }
+  return {std::move(constant), std::move(other)};
+}
+
 // All segments of all parts, tier after tier.
-std::vector<SegmentMembers> cut(const Encoding& encoding, const std::vector<PartRange>& parts,
-                                Body& body) {
-  std::vector<SegmentMembers> segments;
+std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& parts, Body& body) {
+  const std::vector<float> bounds = tier_bounds(encoding.importance, encoding.tiers);
+  std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    for (SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
-                                             encoding.frames, encoding.quantiser == nullptr)) {
+    for (const SegmentMembers& whole :
+         segments_of(*encoding.set, parts[p], encoding.chunk_ticks, encoding.frames,
+                     encoding.quantiser == nullptr)) {
       int tier = 0;
-      for (SegmentMembers& segment :
-           tiers_of(std::move(whole), encoding.importance, encoding.tiers)) {
-        SegmentEntry entry;
-        entry.part = p;
-        entry.base.level = segment.place.level;
-        entry.base.slot = segment.place.slot;
-        entry.base.layer = layer_of(Content::kPrimitives, tier++);
-        entry.base.primitives = static_cast<std::uint32_t>(segment.members.size());
-        body.index.segments.push_back(entry);
-        segments.push_back(std::move(segment));
+      for (Tier& members : tiers_of(whole.members, encoding.importance, bounds)) {
+        for (Piece& piece :
+             pieces_of(whole.place, std::move(members), *encoding.set, parts[p].interval)) {
+          SegmentEntry entry;
+          entry.part = p;
+          entry.base.level = piece.segment.place.level;
+          entry.base.slot = piece.segment.place.slot;
+          entry.base.layer = layer_of(Content::kPrimitives, tier++);
+          entry.base.primitives = static_cast<std::uint32_t>(piece.segment.members.size());
+          body.index.segments.push_back(entry);
+          pieces.push_back(std::move(piece));
+        }
       }
     }
     body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0});
   }
-  return segments;
+  return pieces;
 }
 
-// Segments whose records share layouts: those of a tier and a level, whose lifespans are alike.
+// Segments whose records share layouts: those of a tier whose lifespans are alike.
 struct Group {
   std::vector<std::size_t> segments;
   GroupSteps steps;
   std::vector<StreamPlan> plans;  // by attribute
 };
 
-std::vector<Group> groups_of(const Encoding& encoding, const FileIndex& index,
-                             const std::vector<SegmentMembers>& segments) {
+std::vector<Group> groups_of(const Encoding& encoding, const std::vector<Piece>& segments) {
   std::map<std::pair<int, int>, Group> by_place;
   for (std::size_t s = 0; s < segments.size(); ++s) {
-    const IndexEntry& entry = index.segments[s].base;
-    const int own = encoding.own_layouts ? static_cast<int>(s) : tier_of(entry.layer);
-    by_place[{own, encoding.quantiser == nullptr ? 0 : entry.level}].segments.push_back(s);
+    const Piece& piece = segments[s];
+    const int own = encoding.own_layouts ? static_cast<int>(s) : piece.importance;
+    by_place[{own, encoding.quantiser == nullptr ? 0 : piece.kind}].segments.push_back(s);
   }
   std::vector<Group> out;
   for (auto& [place, group] : by_place) out.push_back(std::move(group));
@@ -110,7 +170,8 @@ std::vector<Group> groups_of(const Encoding& encoding, const FileIndex& index,
   parallel_for(std::size_t{0}, out.size(), [&](std::size_t g) {
     std::vector<std::uint32_t> members;
     for (const std::size_t s : out[g].segments) {
-      members.insert(members.end(), segments[s].members.begin(), segments[s].members.end());
+      const std::vector<std::uint32_t>& more = segments[s].segment.members;
+      members.insert(members.end(), more.begin(), more.end());
     }
     out[g].steps = encoding.quantiser->steps_of(*encoding.set, members,
                                                 mean_importance(members, encoding.importance));
@@ -121,12 +182,12 @@ std::vector<Group> groups_of(const Encoding& encoding, const FileIndex& index,
 // Writes the records of a body.
 class BodyWriter {
  public:
-  BodyWriter(const Encoding& encoding, std::vector<SegmentMembers>& segments, Body& body)
+  BodyWriter(const Encoding& encoding, std::vector<Piece>& segments, Body& body)
       : encoding_(encoding),
         segments_(segments),
         body_(body),
         attributes_(attributes_of(encoding.set->sh_degree)),
-        groups_(groups_of(encoding, body.index, segments)),
+        groups_(groups_of(encoding, segments)),
         group_of_(segments.size()),
         integers_(segments.size()),
         planes_(segments.size()),
@@ -179,7 +240,7 @@ class BodyWriter {
 
   // The integers of a segment; its members take the order that they are stored in.
   void quantise(std::size_t s) {
-    std::vector<std::uint32_t>& members = segments_[s].members;
+    std::vector<std::uint32_t>& members = segments_[s].segment.members;
     const Gaussians4D part = encoding_.set->gather(members);
     if (encoding_.quantiser == nullptr) {
       integers_[s] = lossless_integers(part);
@@ -215,7 +276,7 @@ class BodyWriter {
     const std::vector<StreamPlan>& plans = groups_[group_of_[s]].plans;
     for (std::size_t kind = 0; kind < kinds(); ++kind) {
       RecordPlanes& planes = planes_[s].emplace_back();
-      planes.n = segments_[s].members.size();
+      planes.n = segments_[s].segment.members.size();
       const Range range = range_of(kind);
       for (std::size_t a = range.first; a < range.last; ++a) {
         if (!integers_[s][a].morton.empty()) planes.first_key = integers_[s][a].morton.front();
@@ -325,7 +386,7 @@ class BodyWriter {
   }
 
   const Encoding& encoding_;
-  std::vector<SegmentMembers>& segments_;
+  std::vector<Piece>& segments_;
   Body& body_;
   std::span<const Attribute> attributes_;
   std::vector<Group> groups_;
@@ -341,12 +402,13 @@ class BodyWriter {
 
 Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts) {
   Body body;
-  std::vector<SegmentMembers> segments = cut(encoding, parts, body);
+  std::vector<Piece> pieces = cut(encoding, parts, body);
   body.index.chunk_ticks = encoding.chunk_ticks;
-  BodyWriter(encoding, segments, body).write();
-  for (const SegmentMembers& segment : segments) {
-    body.index.primitives += segment.members.size();
-    body.order.insert(body.order.end(), segment.members.begin(), segment.members.end());
+  BodyWriter(encoding, pieces, body).write();
+  for (const Piece& piece : pieces) {
+    const std::vector<std::uint32_t>& members = piece.segment.members;
+    body.index.primitives += members.size();
+    body.order.insert(body.order.end(), members.begin(), members.end());
   }
   return body;
 }
