@@ -110,7 +110,8 @@ nlohmann::json coder_table(const Scene& scene) {
   }
   const GroupSteps steps = quantiser.steps_of(snapped, members, mean);
   nlohmann::json out;
-  for (const Integers& integers : quantiser.quantise(snapped, steps, 0.0, order)) {
+  for (const Integers& integers :
+       quantiser.quantise(snapped, steps, 0.0, static_cast<float>(frames), order)) {
     nlohmann::json& row = out[name_of(integers.attribute)];
     row["zstd"] = measure_bytes(integers, snapped.size(), row["stored"]);
     row["rans"] = measure_rans(integers, snapped.size());
