@@ -30,6 +30,13 @@ void read_numbers(const Json& json, const char* name, std::span<double> out) {
   std::copy(values.begin(), values.end(), out.begin());
 }
 
+// A number of the text may be any; what no int holds must not become one.
+int read_side(const Json& json, const char* name) {
+  const auto value = json.at(name).get<double>();
+  if (value >= 0 && value <= kMaxPictureSide) return static_cast<int>(value);
+  throw std::runtime_error(fmt::format("width and height must be 1 to {}", kMaxPictureSide));
+}
+
 }  // namespace
 
 Result<Camera> camera_from_json(const Json& json, const std::string& where) {
@@ -37,8 +44,8 @@ Result<Camera> camera_from_json(const Json& json, const std::string& where) {
   camera.name = "camera";
   try {
     camera.name = json.value("name", camera.name);
-    camera.width = json.at("width").get<int>();
-    camera.height = json.at("height").get<int>();
+    camera.width = read_side(json, "width");
+    camera.height = read_side(json, "height");
     camera.fx = json.at("fx").get<double>();
     camera.fy = json.at("fy").get<double>();
     camera.cx = json.at("cx").get<double>();

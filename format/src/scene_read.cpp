@@ -4,9 +4,9 @@
 #include <cmath>
 #include <exception>
 
-#include "bytes.h"
 #include "segment.h"
 #include "stgs/format/parallel.h"
+#include "values.h"
 
 namespace stgs {
 namespace {
@@ -136,23 +136,12 @@ class Reader final : public SceneReader {
 
   void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
                    Findings& findings) const {
-    if (record.length != 4 * primitives()) {
-      findings.error(IssueNumber::kImportance, at, "importances in {} bytes, not of {} primitives",
-                     record.length, primitives());
-      return;
-    }
     std::vector<std::uint8_t> bytes(record.length);
     if (Status status = source_->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
     if (!check_payload(record, bytes, at + kRecordHeaderBytes, findings)) return;
-    ByteReader in(bytes);
-    values.resize(primitives());
-    for (float& value : values) {
-      value = in.f32();
-      if (value >= 0.0f && std::isfinite(value)) continue;
-      return findings.error(IssueNumber::kImportance, at, "an importance of {}", value);
-    }
+    values = parse_importance(bytes, primitives(), at, findings);
   }
 
   std::unique_ptr<ByteSource> source_;

@@ -42,8 +42,8 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
 }
 
 // Records of the body that the index does not list, in [at, end).
-void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end,
-                   Findings& findings) {
+void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
+                   std::uint64_t end, Findings& findings) {
   while (at < end) {
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
     if (Status status = source.read(at, bytes); !status.ok()) {
@@ -56,7 +56,10 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
     if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
-    check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    if (intact && record.tag == kImportanceTag && record.flags == 0) {
+      (void)parse_importance(bytes, head.index.primitives, at, findings);
+    }
     // spec 5.7, 6.1: what a later version adds need not be known here.
     if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kHarmonics)) {
       findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
@@ -69,11 +72,11 @@ void walk_unlisted(const ByteSource& source, std::uint64_t at, std::uint64_t end
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   for (const IndexEntry* record : records_of(head.index.segments)) {
-    walk_unlisted(source, at, std::min(record->offset, source.size()), findings);
+    walk_unlisted(source, head, at, std::min(record->offset, source.size()), findings);
     at = record->offset + record->bytes;
   }
   // A file that is longer or shorter than it says has been reported.
-  walk_unlisted(source, at, std::min(head.header.file_bytes, source.size()), findings);
+  walk_unlisted(source, head, at, std::min(head.header.file_bytes, source.size()), findings);
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {

@@ -5,6 +5,8 @@
 #include <bit>
 #include <cmath>
 
+#include "bytes.h"
+
 namespace stgs {
 namespace {
 
@@ -61,6 +63,24 @@ void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64
                const float* q = set.rotation.data() + 4 * i;
                return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
              });
+}
+
+std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::uint64_t primitives,
+                                    std::uint64_t offset, Findings& findings) {
+  if (payload.size() % 4 != 0 || payload.size() / 4 != primitives) {
+    findings.error(N::kImportance, offset, "importances in {} bytes, not of {} primitives",
+                   payload.size(), primitives);
+    return {};
+  }
+  ByteReader in(payload);
+  std::vector<float> values(primitives);
+  for (float& value : values) {
+    value = in.f32();
+    if (value >= 0.0f && std::isfinite(value)) continue;
+    findings.error(N::kImportance, offset, "an importance of {}", value);
+    return {};
+  }
+  return values;
 }
 
 }  // namespace stgs

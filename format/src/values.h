@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "attributes.h"
 #include "findings.h"
@@ -30,5 +32,10 @@ void check_each(std::size_t n, IssueNumber number, bool error, std::uint32_t seg
 // Finite, sigma > 0, radius >= 0, a quaternion that is not 0. `offset` is the segment's.
 void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
                       Findings& findings);
+
+// The payload of IMPO (spec 5.11): an importance for each of `primitives`. Empty where it holds
+// something else. `offset` is the record's.
+std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::uint64_t primitives,
+                                    std::uint64_t offset, Findings& findings);
 
 }  // namespace stgs

@@ -148,8 +148,8 @@ float unpack_harmonic(std::uint8_t value) {
 Status read_harmonics(const ByteSource& source, const PackedLayout& layout, Gaussians4D& set) {
   const auto rest = static_cast<std::size_t>(set.sh_coefficients() - 1);
   const auto sh = 3 * (rest + 1);
-  std::vector<std::uint8_t> bytes(kChunk * kChunk * 3 * rest);
   const std::size_t a_block = kChunk * kChunk;
+  std::vector<std::uint8_t> bytes(std::min(a_block, set.size()) * 3 * rest);
   for (std::size_t begin = 0; begin < set.size(); begin += a_block) {
     const std::size_t count = std::min(a_block, set.size() - begin);
     STGS_TRY(source.read(layout.sh->offset + begin * 3 * rest, {bytes.data(), count * 3 * rest}));

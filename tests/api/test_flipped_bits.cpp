@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// A bit that flips anywhere in a file is found, and what it does not touch still plays.
+#include <catch2/catch.hpp>
+
+#include "scene_fixture.h"
+
+using namespace stgs;
+using stgs::testing::fingerprints;
+using Bytes = std::vector<std::uint8_t>;
+
+namespace {
+
+// Several segments and tiers, harmonics apart where the profile has them, importances.
+Bytes small_file(Profile profile) {
+  Scene scene = testing::random_scene(24, 1, 30, 21);
+  if (profile == Profile::kLossless) scene.importance.assign(24, 1.0f);
+  WriteSettings settings;
+  settings.profile = profile;
+  settings.tiers = 2;
+  settings.chunk_seconds = 0.2;
+  auto bytes = encode_scene(scene, settings);
+  REQUIRE(bytes.ok());
+  return std::move(*bytes);
+}
+
+// What a player gets of each segment, "" for nothing: with its harmonics, and without.
+struct Played {
+  std::vector<std::vector<std::string>> whole, base;
+};
+Played play(const SceneReader& reader) {
+  Played out;
+  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
+    const auto whole = reader.decode(s), base = reader.decode(s, false);
+    out.whole.push_back(whole.ok() ? fingerprints(*whole) : std::vector<std::string>{});
+    out.base.push_back(base.ok() ? fingerprints(*base) : std::vector<std::string>{});
+  }
+  return out;
+}
+
+bool within(std::uint64_t at, std::uint64_t begin, std::uint64_t bytes) {
+  return at >= begin && at - begin < bytes;
+}
+
+void flip_each_byte(Profile profile) {
+  const Bytes sound = small_file(profile);
+  const auto sound_reader = SceneReader::open(memory_source(sound));
+  REQUIRE(sound_reader.ok());
+  const std::vector<SegmentInfo> segments = (*sound_reader)->segments();
+  REQUIRE(segments.size() > 3);
+  const Played expected = play(**sound_reader);
+  std::uint64_t body = sound.size();
+  for (const SegmentInfo& segment : segments) body = std::min(body, segment.offset);
+  for (std::size_t at = 0; at < sound.size(); ++at) {
+    Bytes bytes = sound;
+    bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ 1u << (5 * at + at / 8) % 8);
+    INFO("byte " << at << " of " << bytes.size());
+    const auto issues = validate_scene(*memory_source(bytes, "x.stgs"));
+    REQUIRE(issues.ok());
+    REQUIRE_FALSE(issues->empty());
+    REQUIRE_FALSE(read_scene(memory_source(bytes, "x.stgs")).ok());
+    const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
+    REQUIRE(reader.ok() == (at >= body));
+    if (!reader.ok()) continue;
+    const Played played = play(**reader);
+    bool in_a_segment = false;
+    for (std::size_t s = 0; s < segments.size(); ++s) {
+      const SegmentInfo& segment = segments[s];
+      const bool base = within(at, segment.offset, segment.bytes);
+      const bool harmonics = within(at, segment.harmonics_offset, segment.harmonics_bytes);
+      in_a_segment = in_a_segment || base || harmonics;
+      REQUIRE(played.base[s] == (base ? std::vector<std::string>{} : expected.base[s]));
+      REQUIRE(played.whole[s] ==
+              (base || harmonics ? std::vector<std::string>{} : expected.whole[s]));
+    }
+    REQUIRE(in_a_segment == (*reader)->importance().ok());
+  }
+}
+
+}  // namespace
+
+TEST_CASE("a flipped bit is found wherever it is, and the other segments play on") {
+  flip_each_byte(Profile::kLossless);
+  flip_each_byte(Profile::kQuantised);
+}

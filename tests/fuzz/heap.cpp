@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "heap.h"
+
+#include <malloc.h>
+
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <new>
+
+namespace {
+
+constexpr std::int64_t kNoLimit = std::numeric_limits<std::int64_t>::max();
+std::atomic<std::int64_t> used{0}, start{0}, peak{0}, limit{kNoLimit};
+
+void* take(std::size_t size) {
+  // Before it is asked for: a limit that is found to be passed afterwards is none.
+  const auto asked = static_cast<std::int64_t>(size);
+  if (asked < 0 || used + asked > limit) {
+    std::fprintf(stderr, "fuzz: %zu bytes more than the %lld in use pass the limit of %lld\n", size,
+                 static_cast<long long>(used - start), static_cast<long long>(limit - start));
+    std::abort();
+  }
+  void* const memory = std::malloc(size == 0 ? 1 : size);
+  if (memory == nullptr) throw std::bad_alloc();
+  const std::int64_t now = used += static_cast<std::int64_t>(malloc_usable_size(memory));
+  std::int64_t most = peak;
+  while (now > most && !peak.compare_exchange_weak(most, now)) {
+  }
+  return memory;
+}
+
+void give(void* memory) {
+  if (memory == nullptr) return;
+  used -= static_cast<std::int64_t>(malloc_usable_size(memory));
+  std::free(memory);
+}
+
+}  // namespace
+
+// All but those for aligned types, which nothing here allocates much with.
+void* operator new(std::size_t size) {
+  return take(size);
+}
+void* operator new[](std::size_t size) {
+  return take(size);
+}
+void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
+  try {
+    return take(size);
+  } catch (const std::bad_alloc&) {
+    return nullptr;
+  }
+}
+void* operator new[](std::size_t size, const std::nothrow_t& tag) noexcept {
+  return operator new(size, tag);
+}
+void operator delete(void* memory) noexcept {
+  give(memory);
+}
+void operator delete[](void* memory) noexcept {
+  give(memory);
+}
+void operator delete(void* memory, std::size_t) noexcept {
+  give(memory);
+}
+void operator delete[](void* memory, std::size_t) noexcept {
+  give(memory);
+}
+void operator delete(void* memory, const std::nothrow_t&) noexcept {
+  give(memory);
+}
+void operator delete[](void* memory, const std::nothrow_t&) noexcept {
+  give(memory);
+}
+
+namespace stgs::fuzz {
+
+void limit_heap(std::uint64_t bytes) {
+  start = used.load();
+  peak = used.load();
+  limit = used + static_cast<std::int64_t>(bytes);
+}
+std::uint64_t heap_peak() {
+  return static_cast<std::uint64_t>(peak - start);
+}
+void unlimit_heap() {
+  limit = kNoLimit;
+}
+
+}  // namespace stgs::fuzz

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Counts what is allocated through operator new, which heap.cpp replaces in the fuzz programs.
+#pragma once
+
+#include <cstdint>
+
+namespace stgs::fuzz {
+
+// From here on, an allocation by any thread that takes the heap more than `bytes` above what it has
+// now ends the process with a message.
+void limit_heap(std::uint64_t bytes);
+// Most bytes above the start since limit_heap.
+std::uint64_t heap_peak();
+void unlimit_heap();
+
+}  // namespace stgs::fuzz

@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs_file.h"
+
+#include <xxhash.h>
+#include <zstd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <string_view>
+
+#include "../api/scene_fixture.h"
+#include "bytes.h"
+#include "layout.h"
+
+namespace stgs::fuzz {
+namespace {
+
+constexpr std::size_t kHeader = 40, kRecord = 32;  // spec 2.2, 3.1
+constexpr std::size_t kMostPlanes = 1 << 20;       // bytes; what is larger stays as it is
+
+template <typename Value>
+Value get(View bytes, std::size_t at) {
+  Value v{};
+  if (at <= bytes.size() && sizeof v <= bytes.size() - at) std::memcpy(&v, &bytes[at], sizeof v);
+  return v;
+}
+template <typename Value>
+void put(Bytes& bytes, std::size_t at, Value v) {
+  if (at <= bytes.size() && sizeof v <= bytes.size() - at) std::memcpy(&bytes[at], &v, sizeof v);
+}
+
+std::uint64_t hash(View bytes) {
+  return XXH3_64bits(bytes.data(), bytes.size());
+}
+
+// Whether a record header stands here whose checksum is right.
+bool is_record(View file, std::size_t at) {
+  return at <= file.size() && kRecord <= file.size() - at &&
+         get<std::uint64_t>(file, at + 24) == hash(file.subspan(at, 24));
+}
+
+struct Record {
+  std::size_t begin = 0, end = 0;
+  std::string_view tag(View file) const {
+    return {reinterpret_cast<const char*>(file.data()) + begin, 4};
+  }
+  View payload(View file) const { return file.subspan(begin + kRecord, end - begin - kRecord); }
+};
+
+// By their lengths; the last one ends with the file at the latest.
+std::vector<Record> records_by_length(View file) {
+  std::vector<Record> out;
+  for (std::size_t at = kHeader; at < file.size() && kRecord <= file.size() - at;) {
+    const auto length = get<std::uint64_t>(file, at + 8);
+    const std::size_t left = file.size() - at - kRecord;
+    const std::size_t end = at + kRecord + std::min<std::uint64_t>(length, left);
+    out.push_back({at, end});
+    at = end;
+  }
+  return out;
+}
+
+// By the headers that are found: a record that has grown ends where the next begins.
+std::vector<Record> records_by_header(View file) {
+  std::vector<Record> out;
+  for (std::size_t at = kHeader; at < file.size(); ++at) {
+    if (!is_record(file, at)) continue;
+    if (!out.empty()) out.back().end = at;
+    out.push_back({at, file.size()});
+    at += kRecord - 1;
+  }
+  return out;
+}
+
+// The payload of a SEGM record taken apart (spec 6.1), as far as its bytes go.
+class SegmentForm {
+ public:
+  SegmentForm(View payload, const LayoutSet& of_file) : in_(payload) {
+    in_.bytes(8);
+    n_ = in_.u32();
+    std::uint16_t number = in_.u16();
+    in_.u64();
+    Findings findings;
+    if (number == kOwnLayout) {
+      if (!parse_layouts(in_, 0, own_, findings)) return;
+      number = 0;
+      set_ = &own_;
+    } else {
+      set_ = &of_file;
+    }
+    if (!in_.ok() || number >= set_->layouts.size()) return;
+    layout_ = &set_->layouts[number];
+    if (layout_->has_first_key()) in_.u64();
+    sizes_at_ = in_.position();
+    for (const StreamRow& row : layout_->streams) sizes_.push_back(is_coded(row) ? 0 : in_.u64());
+  }
+
+  // Where the size of the last stream that has one is stated, and what it would have to be for the
+  // payload to be full; nothing where a group takes what is left.
+  bool last_size(std::size_t& at, std::uint64_t& size) const {
+    if (layout_ == nullptr || !in_.ok() || sizes_.empty() || layout_->has_group()) return false;
+    std::uint64_t others = 0;
+    for (std::size_t i = 0; i + 1 < sizes_.size(); ++i) others += sizes_[i];
+    at = sizes_at_ + 8 * (sizes_.size() - 1);
+    size = in_.left() - others;
+    return others <= in_.left();
+  }
+
+  // The decoded planes that the record's checksum is of; false where they cannot be decoded.
+  bool planes(Bytes& out) {
+    if (layout_ == nullptr || !in_.ok()) return false;
+    std::vector<View> streams;
+    for (const std::uint64_t size : sizes_) streams.push_back(in_.bytes(size));
+    std::vector<RansGroupDecoder> group;
+    if (layout_->has_group()) {
+      auto opened = RansGroupDecoder::open(in_.bytes(in_.left()), n_);
+      if (!opened.ok()) return false;
+      group.push_back(std::move(*opened));
+    }
+    for (std::size_t i = 0; i < streams.size() && in_.ok(); ++i) {
+      const StreamRow& row = layout_->streams[i];
+      if (row.attribute >= kOptionalAttributes) continue;
+      if (out.size() + n_ * row.planes() > kMostPlanes) return false;
+      if (!is_coded(row)) {
+        append_bytes(streams[i], n_ * row.planes(), out);
+        continue;
+      }
+      for (const std::uint16_t table : row.tables) {
+        if (set_->only[table] >= 0) continue;
+        out.resize(out.size() + n_);
+        group[0].next_plane(set_->lookups[table], out.data() + out.size() - n_);
+      }
+    }
+    return in_.ok();
+  }
+
+ private:
+  static bool is_coded(const StreamRow& row) {
+    return static_cast<Coder>(row.coder) == Coder::kRans;
+  }
+  // What cannot be unpacked counts as zeros: its checksum is not what stops a reader.
+  static void append_bytes(View stored, std::size_t size, Bytes& out) {
+    const std::size_t begin = out.size();
+    out.resize(begin + size);
+    if (stored.size() == size) {
+      std::copy(stored.begin(), stored.end(), out.begin() + static_cast<std::ptrdiff_t>(begin));
+    } else {
+      ZSTD_decompress(out.data() + begin, size, stored.data(), stored.size());
+    }
+  }
+
+  ByteReader in_;
+  std::size_t n_ = 0, sizes_at_ = 0;
+  LayoutSet own_;
+  const LayoutSet* set_ = nullptr;
+  const Layout* layout_ = nullptr;
+  std::vector<std::uint64_t> sizes_;
+};
+
+LayoutSet layouts_of(View file, const std::vector<Record>& records) {
+  LayoutSet set;
+  for (const Record& record : records) {
+    if (record.tag(file) != "LAYT") continue;
+    ByteReader in(record.payload(file));
+    Findings findings;
+    LayoutSet parsed;
+    if (parse_layouts(in, 0, parsed, findings)) set = std::move(parsed);
+  }
+  return set;
+}
+
+// The checksum of the planes of a segment, and the size of its last stream.
+void seal_segment(Bytes& file, const Record& record, const LayoutSet& layouts, Repair repair) {
+  const std::size_t payload = record.begin + kRecord;
+  std::size_t at = 0;
+  std::uint64_t size = 0;
+  if (repair == Repair::kSizes && SegmentForm(record.payload(file), layouts).last_size(at, size)) {
+    put(file, payload + at, size);
+  }
+  Bytes planes;
+  if (SegmentForm(record.payload(file), layouts).planes(planes)) {
+    put(file, payload + 14, hash(planes));
+  }
+}
+
+// The index with the sizes and counts of the segments that are there, in their order (spec 5.2,
+// 5.3); what it was where it cannot be understood.
+Bytes placed_index(View index, const std::vector<View>& segments) {
+  ByteReader in(index);
+  ByteWriter parts;
+  std::size_t next = 0;
+  std::uint64_t total = 0;
+  const auto copy = [&] {
+    const std::uint64_t v = in.varint();
+    parts.varint(v);
+    return v;
+  };
+  const auto size = [&] {
+    const std::uint64_t stated = in.varint();
+    parts.varint(next < segments.size() ? segments[next].size() : stated);
+    ++next;
+  };
+  const double chunk = in.f64();
+  in.varint();
+  for (std::uint64_t m = copy(); in.ok() && m > 0; --m) {
+    copy();
+    copy();
+  }
+  for (std::uint64_t p = copy(); in.ok() && p > 0; --p) {
+    parts.f64(in.f64());
+    parts.f64(in.f64());
+    copy();
+    for (std::uint64_t n = copy(); in.ok() && n > 0; --n) {
+      copy();
+      const std::uint64_t shape = copy();
+      for (std::uint64_t tier = 0; in.ok() && tier <= shape / 4; ++tier) {
+        std::uint64_t primitives = in.varint();
+        if (next < segments.size()) primitives = get<std::uint32_t>(segments[next], 8);
+        parts.varint(primitives);
+        total += primitives;
+        size();
+      }
+      for (std::uint64_t tier = 0; shape % 2 == 1 && in.ok() && tier <= shape / 4; ++tier) size();
+      for (std::uint64_t r = shape / 2 % 2 == 1 ? copy() : 0; in.ok() && r > 0; --r) {
+        copy();
+        size();
+      }
+    }
+  }
+  if (!in.ok()) return {index.begin(), index.end()};
+  const View rest = in.bytes(in.left());
+  ByteWriter out;
+  out.f64(chunk);
+  out.varint(total);
+  out.bytes(parts.view());
+  out.bytes(rest);
+  return out.take();
+}
+
+Bytes with_placed_segments(Bytes file) {
+  std::vector<View> segments;
+  const Record* index = nullptr;
+  const std::vector<Record> records = records_by_header(file);
+  for (const Record& record : records) {
+    if (record.tag(file) == "INDX") index = &record;
+    if (record.tag(file) == "SEGM") segments.push_back(record.payload(file));
+  }
+  if (index == nullptr) return file;
+  const Bytes placed = placed_index(index->payload(file), segments);
+  const auto payload = file.begin() + static_cast<std::ptrdiff_t>(index->begin + kRecord);
+  const auto end = file.begin() + static_cast<std::ptrdiff_t>(index->end);
+  file.insert(file.erase(payload, end), placed.begin(), placed.end());
+  return file;
+}
+
+void seal_header(Bytes& file, const std::vector<Record>& records, Repair repair) {
+  if (repair == Repair::kSizes) {
+    put<std::uint64_t>(file, 16, file.size());
+    for (const Record& record : records) {
+      if (record.tag(file) == "INDX") put<std::uint64_t>(file, 24, record.end);
+    }
+  }
+  put(file, 32, hash(View(file).first(32)));
+}
+
+Bytes encoded(const Scene& scene, const WriteSettings& settings) {
+  auto bytes = encode_scene(scene, settings);
+  require(bytes.ok(), "a seed can be written");
+  return std::move(*bytes);
+}
+
+}  // namespace
+
+std::vector<Bytes> stgs_seeds() {
+  WriteSettings lossless, quantised;
+  quantised.profile = Profile::kQuantised;
+  lossless.chunk_seconds = quantised.chunk_seconds = 0.2;
+  std::vector<Bytes> out = {encoded(testing::random_scene(1, 0, 30, 21), lossless),
+                            encoded(testing::random_scene(12, 1, 30, 21), lossless),
+                            encoded(testing::random_scene(12, 1, 30, 21), quantised),
+                            encoded(testing::random_scene(60, 3, 30, 22), quantised)};
+  Scene parts = testing::random_scene(20, 0, 40, 23);
+  parts.parts = {{0, 19.5, 11}, {19.5, 40, 9}};
+  parts.importance.assign(20, 0.5f);
+  parts.metadata.window = CaptureWindow{5, 100, 1, 2};
+  parts.metadata.start_camera.emplace();
+  parts.metadata.start_camera->width = 64;
+  parts.metadata.start_camera->height = 48;
+  parts.metadata.start_camera->fx = parts.metadata.start_camera->fy = 60;
+  out.push_back(encoded(parts, lossless));
+  quantised.tiers = 1;
+  out.push_back(encoded(parts, quantised));
+  return out;
+}
+
+std::vector<Unit> stgs_units(View file) {
+  std::vector<Unit> out = {{0, std::min(kHeader, file.size())}};
+  if (file.empty()) return {};
+  for (const Record& record : records_by_length(file)) {
+    out.push_back({record.begin, record.end});
+    out.push_back({std::min(record.begin + kRecord, record.end), record.end});
+  }
+  return out;
+}
+
+Bytes repair_stgs(Bytes file, Repair repair) {
+  if (repair == Repair::kNothing || file.size() < kHeader) return file;
+  const bool sizes = repair == Repair::kSizes;
+  if (sizes) file = with_placed_segments(std::move(file));
+  const std::vector<Record> records = sizes ? records_by_header(file) : records_by_length(file);
+  for (const Record& record : records) {
+    if (sizes) put<std::uint64_t>(file, record.begin + 8, record.payload(file).size());
+  }
+  const LayoutSet layouts = layouts_of(file, records);
+  for (const Record& record : records) {
+    if (record.tag(file) == "SEGM") seal_segment(file, record, layouts, repair);
+    put(file, record.begin + 16, hash(record.payload(file)));
+    put(file, record.begin + 24, hash(View(file).subspan(record.begin, 24)));
+  }
+  seal_header(file, records, repair);
+  return file;
+}
+
+std::uint64_t stgs_memory(View input) {
+  // Each table of a layout is looked up in 16 KiB, in an array that grows.
+  std::uint64_t tables = 0;
+  for (const Record& record : records_by_length(input)) {
+    const View payload = record.payload(input);
+    const bool own = record.tag(input) == "SEGM" && get<std::uint16_t>(payload, 12) == kOwnLayout;
+    if (own) tables += std::min<std::uint64_t>(kMaxTables, get<std::uint16_t>(payload, 22));
+    if (record.tag(input) == "LAYT")
+      tables += std::min<std::uint64_t>(kMaxTables, get<std::uint16_t>(payload, 0));
+  }
+  return tables * (48 << 10) + 6 * kStgsLimits.max_memory + 32 * input.size() + (256 << 10);
+}
+
+}  // namespace stgs::fuzz

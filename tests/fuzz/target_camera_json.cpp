@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// A camera that a user wrote as JSON.
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "fuzz_target.h"
+#include "stgs/encoder/camera_json.h"
+
+using namespace stgs;
+using namespace stgs::fuzz;
+
+namespace {
+
+std::vector<Bytes> seeds() {
+  constexpr std::string_view kWhole =
+      R"({"name":"a","width":640,"height":480,"fx":500,"fy":510.5,"cx":320,"cy":2.4e2,)"
+      R"("rotation":[1,0,0,0,1,0,0,0,1],"translation":[0,-1,2.5],"test":true})";
+  constexpr std::string_view kLeast = R"({"width":1,"height":32768,"fx":1e-3,"fy":1,"cx":0,"cy":0,)"
+                                      R"("rotation":[0,0,1,0,1,0,-1,0,0],"translation":[0,0,0]})";
+  return {Bytes(kWhole.begin(), kWhole.end()), Bytes(kLeast.begin(), kLeast.end())};
+}
+
+std::uint64_t memory(View input) {
+  return 64 * input.size() + (64 << 10);
+}
+
+}  // namespace
+
+const Target stgs::fuzz::kTarget{"camera_json", seeds, nullptr, nullptr, nullptr, memory};
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const auto json = nlohmann::ordered_json::parse(data, data + size, nullptr, false);
+  if (json.is_discarded()) return 0;
+  const auto camera = encoder::camera_from_json(json, "input");
+  if (!camera.ok()) return 0;
+  require(encoder::check_camera(*camera, "input").ok(), "what is read is a camera");
+  const auto again = encoder::camera_from_json(encoder::camera_to_json(*camera), "again");
+  require(again.ok() && again->width == camera->width && again->fx == camera->fx,
+          "a camera is written as it was read");
+  return 0;
+}

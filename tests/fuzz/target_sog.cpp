@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// SOG bundles: a zip archive of JSON and lossless WebP pictures, read from a path.
+#include "../api/sog_fixture.h"
+
+#include <unistd.h>
+#include <zlib.h>
+
+#include <cstring>
+
+#include "imported.h"
+
+using namespace stgs;
+using namespace stgs::fuzz;
+
+namespace {
+
+constexpr std::uint32_t kLocal = 0x04034B50, kCentral = 0x02014B50;  // signatures of zip
+
+// One for the process; libzip reads from files alone.
+const std::string& input_path() {
+  static const std::string path =
+      (std::filesystem::temp_directory_path() / ("stgs_fuzz_" + std::to_string(getpid()) + ".sog"))
+          .string();
+  static const struct Remove {
+    ~Remove() {
+      std::error_code ignored;
+      std::filesystem::remove(input_path(), ignored);
+    }
+  } remove_at_end;
+  return path;
+}
+
+std::string read_back() {
+  std::ifstream file(input_path(), std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// Members stored, not packed, so that a changed byte is one byte of a picture.
+Bytes bundle(const testing::SogModel& model) {
+  const std::map<std::string, std::string> members = model.all_files();
+  std::filesystem::remove(input_path());
+  zip_t* const archive = zip_open(input_path().c_str(), ZIP_CREATE | ZIP_TRUNCATE, nullptr);
+  for (const auto& [name, bytes] : members) {
+    zip_source_t* const source = zip_source_buffer(archive, bytes.data(), bytes.size(), 0);
+    const auto index = static_cast<zip_uint64_t>(zip_file_add(archive, name.c_str(), source, 0));
+    zip_set_file_compression(archive, index, ZIP_CM_STORE, 0);
+    zip_file_set_mtime(archive, index, 0, 0);
+  }
+  zip_close(archive);
+  const std::string bytes = read_back();
+  return {bytes.begin(), bytes.end()};
+}
+
+std::vector<Bytes> seeds() {
+  testing::SogModel small = testing::random_sog(3, 0, 1, 2);
+  const testing::SogModel harmonics = testing::random_sog(9, 1, 2, 3);
+  return {bundle(small), bundle(harmonics)};
+}
+
+std::uint32_t word(View bytes, std::size_t at) {
+  std::uint32_t v = 0;
+  if (at + sizeof v <= bytes.size()) std::memcpy(&v, &bytes[at], sizeof v);
+  return v;
+}
+std::uint16_t half(View bytes, std::size_t at) {
+  std::uint16_t v = 0;
+  if (at + sizeof v <= bytes.size()) std::memcpy(&v, &bytes[at], sizeof v);
+  return v;
+}
+
+// Where the content of the member whose local header is at `at` begins.
+std::size_t content_at(View zip, std::size_t at) {
+  return at + 30 + half(zip, at + 26) + half(zip, at + 28);
+}
+
+// Local headers, and what they hold.
+std::vector<Unit> units(View zip) {
+  std::vector<Unit> out;
+  for (std::size_t at = 0; at + 30 <= zip.size(); ++at) {
+    if (word(zip, at) != kLocal && word(zip, at) != kCentral) continue;
+    out.push_back({at, std::min(at + 46, zip.size())});
+    const std::size_t content = content_at(zip, at);
+    if (word(zip, at) == kLocal && content < zip.size())
+      out.push_back({content, std::min(zip.size(), content + 200)});
+  }
+  return out;
+}
+
+// The CRCs of stored members, in both of their headers.
+Bytes repair(Bytes zip, Repair repair) {
+  if (repair == Repair::kNothing) return zip;
+  for (std::size_t at = 0; at + 46 <= zip.size(); ++at) {
+    if (word(zip, at) != kCentral) continue;
+    const std::size_t local = word(zip, at + 42), size = word(zip, at + 20);
+    if (word(zip, local) != kLocal) continue;
+    const std::size_t content = content_at(zip, local);
+    if (content > zip.size() || size > zip.size() - content) continue;
+    const auto crc =
+        static_cast<std::uint32_t>(crc32(0, zip.data() + content, static_cast<uInt>(size)));
+    std::memcpy(&zip[at + 16], &crc, sizeof crc);
+    if (local + 18 <= zip.size()) std::memcpy(&zip[local + 14], &crc, sizeof crc);
+  }
+  return zip;
+}
+
+// Beside the set: the pictures of a model, two at a time, and the JSON.
+std::uint64_t memory(View input) {
+  return import_memory(input) + 2 * kImportLimits.max_memory + 64 * input.size();
+}
+
+}  // namespace
+
+const Target stgs::fuzz::kTarget{"sog", seeds, nullptr, repair, units, memory};
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  std::ofstream(input_path(), std::ios::binary)
+      .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
+  ConversionNotes notes;
+  check_import(read_sog(input_path(), kImportLimits, &notes));
+  return 0;
+}
