@@ -159,9 +159,9 @@ HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::siz
   }
 }
 
-// A block of one component.
+// A block of one component, of which `count` numbers are meant.
 bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
-                   Numbers& q, Floats& out) {
+                   std::size_t count, Numbers& q, Floats& out) {
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
       for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
@@ -174,9 +174,11 @@ bool map_component(const StreamRow& row, int component, std::int64_t base, const
       return in_range(q);
     case Mapping::kMoment: {
       const bool good = in_range(q);
-      for (std::uint32_t& v : q) v += static_cast<std::uint32_t>(base);
+      for (std::size_t i = 0; i < kBlock; ++i) {
+        q[i] = i < count ? q[i] + static_cast<std::uint32_t>(base) : 0;
+      }
       map_linear(row.origin[0], row.exponent, q, out);
-      return good;
+      return good && in_range(q);  // the sums too (spec 7.5.8)
     }
     default:
       map_linear(row.origin[component % 3], row.exponent, q, out);
@@ -221,7 +223,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
       load(row, task.planes + c * row.digits, first, count, block);
       undo_prediction(prediction, carry[c], block);
       if (!together) {
-        good &= map_component(row, static_cast<int>(c), base, steps, block, floats[0]);
+        good &= map_component(row, static_cast<int>(c), base, steps, count, block, floats[0]);
         store<1>(floats, count, to + c, view.stride);
       } else if (c % 3 == 2) {
         good &= map_three(row, exponents, q, floats);

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clauses 2 to 5: header, records, META, WNDW, the index."""
+import math
+from dataclasses import dataclass, field
+
+import layouts
+from fields import Fields, Refused, checksum, need
+
+HEADER, RECORD = 40, 32
+
+
+@dataclass
+class Limits:  # conformance.md 1.5
+    max_primitives: int = 200_000_000
+    max_memory: int = 16 << 30
+
+
+@dataclass
+class Record:  # of the index: where its SEGM record lies
+    offset: int
+    size: int
+
+
+@dataclass
+class Tier:
+    """The primitives of one tier of a segment (5.3, 5.7)."""
+    level: int
+    slot: int
+    number: int
+    n: int
+    base: Record
+    harmonics: Record = None
+    part: tuple = None       # its part's begin and end
+    start: float = 0.0       # of the segment's interval before the part cuts it (5.4); 0: persistent
+
+
+@dataclass
+class File:
+    data: bytes
+    head_bytes: int = 0
+    frames: int = 0
+    degree: int = 0
+    layouts: object = field(default_factory=layouts.Layouts)
+    tiers: list = field(default_factory=list)
+    body_at: int = 0         # behind the last record that the index tells
+
+
+def read_header(data):
+    need(len(data) >= HEADER, "2.2", "too short for a header")
+    need(data[:8] == b"\x89STG\r\n\x1a\n", "2.1", "other first bytes")
+    fields = Fields(data[8:HEADER], "2.2")
+    major, minor, flags = fields.u16(), fields.u16(), fields.u32()
+    file_bytes, head_bytes = fields.u64(), fields.u64()
+    need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
+    need(major == 0, "2.5", f"major version {major}", unsupported=True)
+    need(minor >= 4, "2.5", f"minor version {minor}", unsupported=True)
+    need(flags & 0xFFFF == 0, "2.4", f"flags {flags:#x}", unsupported=True)
+    need(file_bytes == len(data), "2.6", f"{len(data)} bytes, not {file_bytes}")
+    need(HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
+    return head_bytes
+
+
+def record_at(data, at, end):
+    """Tag, flags, payload and its stated checksum of the record at `at` of an area (3.1, 3.3)."""
+    need(end - at >= RECORD, "3.3", f"a record header is cut off at {at}")
+    head = data[at:at + RECORD]
+    fields = Fields(head, "3.1")
+    tag, flags, length = fields.bytes(4), fields.u32(), fields.u64()
+    payload_sum = fields.u64()
+    need(fields.u64() == checksum(head[:24]), "3.1", f"the checksum of the record header at {at}")
+    need(length <= end - at - RECORD, "3.3", f"record {tag} runs past the end of its area")
+    return tag, flags, data[at + RECORD:at + RECORD + length], payload_sum
+
+
+def known(tag, flags, tags):
+    """Whether a record is one of these critical ones; refuses what may not be skipped (3.2, 3.4)."""
+    if tag in tags and flags == 1:
+        return True
+    need(flags & 1 == 0, "3.4", f"critical record {tag}, flags {flags}", unsupported=True)
+    need(tag not in tags or flags != 0, "3.2", f"record {tag} is not marked critical")
+    return False
+
+
+def read_head(file, limits):
+    have = {}
+    at = HEADER
+    while at < file.head_bytes:
+        tag, flags, payload, payload_sum = record_at(file.data, at, file.head_bytes)
+        at += RECORD + len(payload)
+        if not (tag == b"WNDW" and flags == 0) and not known(tag, flags, (b"META", b"LAYT", b"INDX")):
+            continue
+        need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
+        need(tag not in have, "2.3", f"a second {tag}")
+        need(tag != b"INDX" or b"META" in have, "2.3", "INDX before META")
+        have[tag] = payload
+        if tag == b"META":
+            read_meta(file, payload)
+    need(b"META" in have and b"INDX" in have, "2.3", "no META or INDX")
+    if b"WNDW" in have:
+        read_window(file, have[b"WNDW"])
+    if b"LAYT" in have:
+        file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"))
+    read_index(file, have[b"INDX"], limits)
+
+
+def read_meta(file, payload):  # 4.2, 4.3
+    fields = Fields(payload, "4.2")
+    numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
+    unit, conventions = fields.u8(), [fields.u8() for _ in range(3)]
+    profile, file.degree = fields.u16(), fields.u16()
+    background = [fields.f32() for _ in range(3)]
+    least, greatest = [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
+    near = fields.f32()
+    width, height = fields.u32(), fields.u32()
+    r, t = [fields.f32() for _ in range(9)], [fields.f32() for _ in range(3)]
+    lens = [fields.f32() for _ in range(4)]
+    fields.text()
+    fields.text()
+    need(unit <= 1 and conventions == [0, 0, 0] and profile <= 1, "4.2",
+         "a convention or profile that is not known", unsupported=True)
+    need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
+    need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}")
+    need(all(map(math.isfinite, background + least + greatest + [near])) and near >= 0, "4.3",
+         "a number that is not finite, or a near plane below 0")
+    need(all(a <= b for a, b in zip(least, greatest)), "4.3", "bounds the wrong way round")
+    if (width, height) == (0, 0):
+        return  # no start camera
+    need(1 <= width <= 32768 and 1 <= height <= 32768, "4.3", "the start camera's size")
+    need(all(map(math.isfinite, r + t + lens)) and lens[0] > 0 and lens[1] > 0, "4.3",
+         "the start camera's numbers")
+    rows = [r[0:3], r[3:6], r[6:9]]
+    for i in range(3):
+        for j in range(3):
+            product = sum(a * b for a, b in zip(rows[i], rows[j]))
+            need(abs(product - (i == j)) <= 0.001, "4.3", "the start camera's rotation")
+    a, b, c = rows
+    need(a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
+         a[2] * (b[0] * c[1] - b[1] * c[0]) > 0, "4.3", "the start camera's rotation mirrors")
+
+
+def read_window(file, payload):  # 4.5
+    fields = Fields(payload, "4.5")
+    first, whole = fields.u32(), fields.u32()
+    fields.u64()
+    fields.u64()
+    need(first + file.frames <= whole, "4.5", "the window does not lie in its capture")
+
+
+def read_index(file, payload, limits):
+    fields = Fields(payload, "5.2")
+    chunk, stated = fields.f64(), fields.number()
+    need(math.isfinite(chunk) and chunk > 0, "5.2", f"a chunk of {chunk} ticks")
+    for _ in range(fields.number()):  # attribute totals
+        need(fields.number() <= 65535, "5.2", "an attribute above 65535")
+        fields.number()
+    at = file.head_bytes
+    for _ in range(count_of(fields, "5.2")):
+        at = read_part(file, fields, chunk, at)
+    file.body_at = at
+    total = sum(tier.n for tier in file.tiers)
+    need(total == stated, "5.2", f"{total} primitives, not {stated}")
+    need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
+    floats = 17 + 3 * (file.degree + 1) ** 2
+    for tier in file.tiers:
+        need(4 * floats * tier.n <= limits.max_memory, "conformance 1.5",
+             f"{tier.n} primitives in a segment", unsupported=True)
+
+
+def count_of(fields, clause):
+    """A count of things of which each takes a byte at least."""
+    count = fields.number()
+    need(count <= fields.left(), clause, f"{count} do not fit")
+    return count
+
+
+def read_part(file, fields, chunk, at):  # 5.3
+    begin, end = fields.f64(), fields.f64()
+    need(0 <= begin < end <= file.frames, "5.3", f"a part of [{begin}, {end})")
+    at += fields.number()
+    last_slot, last_order = {}, None
+    for _ in range(count_of(fields, "5.3")):
+        place, shape = fields.number(), fields.number()
+        level, tiers, more, apart = place % 32 - 1, shape // 4 + 1, shape // 2 % 2, shape % 2
+        slot = place // 32 + (last_slot[level] + 1 if level in last_slot else 0)
+        last_slot[level] = slot
+        need(slot < 1 << 32 and (level >= 0 or slot == 0), "5.3", f"slot {slot} of level {level}")
+        need(tiers <= 256, "5.3", f"{tiers} tiers")
+        start, stop = interval(level, slot, chunk, begin, end)
+        need(max(start, begin) < min(stop, end), "5.4", "a segment outside its part")
+        # 5.6: by beginning; of two that begin together the longer first, a persistent one before all
+        order = (-math.inf, 0) if level < 0 else (start, -level)
+        need(last_order is None or last_order < order, "5.6", "segments out of order")
+        last_order = order
+        counts, sizes = [], []
+        for _ in range(tiers):
+            counts.append(fields.number())
+            sizes.append(fields.number())
+            need(1 <= counts[-1] < 1 << 32, "5.3", f"{counts[-1]} primitives in a tier")
+        extra = [fields.number() for _ in range(tiers)] if apart else []
+        further = []
+        for _ in range(count_of(fields, "5.3") if more else 0):
+            layer = fields.number()
+            need(512 <= layer <= 65535, "5.3", f"layer {layer} of a further record")
+            further.append(fields.number())
+        records = []
+        for size in sizes + extra + further:
+            need(at + RECORD + size <= len(file.data), "5.3", "a record outside the body")
+            records.append(Record(at, RECORD + size))
+            at += RECORD + size
+        for i, n in enumerate(counts):
+            need(n <= 32768 * records[i].size, "5.5", f"{n} primitives in {records[i].size} bytes")
+            harmonics = records[tiers + i] if apart else None
+            file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end),
+                                   0.0 if level < 0 else start))
+    return at
+
+
+def interval(level, slot, chunk, begin, end):  # 5.4
+    if level < 0:
+        return begin, end
+    half = math.ldexp(chunk, level - 1)
+    return slot * half, slot * half + 2 * half
+
+
+def read_importance(file):
+    """Of each primitive, or None: the first IMPO record behind the last SEGM record (5.11)."""
+    at = file.body_at
+    while at < len(file.data):
+        tag, flags, payload, payload_sum = record_at(file.data, at, len(file.data))
+        at += RECORD + len(payload)
+        if tag != b"IMPO" or flags != 0:
+            continue
+        need(checksum(payload) == payload_sum, "3.1", "the checksum of IMPO")
+        need(len(payload) == 4 * sum(tier.n for tier in file.tiers), "5.11", "the size of IMPO")
+        fields = Fields(payload, "5.11")
+        for _ in range(len(payload) // 4):
+            value = fields.f32()
+            need(math.isfinite(value) and value >= 0, "5.11", f"an importance of {value}")
+        return payload
+    return None
+
+
+def open_file(data, limits):
+    file = File(data)
+    file.head_bytes = read_header(data)
+    read_head(file, limits)
+    return file

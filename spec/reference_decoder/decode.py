@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Decodes .stgs files, slowly and plainly, as stgs-format.md says.
+
+usage: decode.py [--max-primitives N] [--max-memory BYTES] [--integers] FILE...
+
+For each file: a line for each attribute of each segment's tier, with the XXH3-64 of its floats (f32,
+one primitive after the other); with --integers of its integers too (i64, one component after the
+other). What must be refused is told with its clause: a segment alone, or the file. Exit code 3 where
+there was something to refuse.
+"""
+import sys
+
+import numpy as np
+
+from container import Limits, open_file, read_importance
+from fields import Refused, checksum
+from layouts import NAMES
+from segment import decode_tier
+
+
+def describe(data, limits, integers=False):
+    """The lines for a file, and the clauses that were refused."""
+    lines, refused = [], []
+
+    def refuse(what, error):
+        refused.append(error.clause)
+        lines.append(f"{what}refused: {error}")
+
+    try:
+        file = open_file(data, limits)
+    except Refused as error:
+        refuse("", error)
+        return lines, refused
+    for i, tier in enumerate(file.tiers):
+        try:
+            for attribute, (q, floats) in sorted(decode_tier(file, tier).items()):
+                line = f"segment {i} {NAMES[attribute]} {checksum(floats.astype('<f4').tobytes()):016x}"
+                if integers:
+                    line += f" {checksum(np.array(q, dtype='<i8').tobytes()):016x}"
+                lines.append(line)
+        except Refused as error:
+            refuse(f"segment {i} ", error)
+    try:
+        importance = read_importance(file)
+        if importance is not None:
+            lines.append(f"importance {checksum(importance):016x}")
+    except Refused as error:
+        refuse("importance ", error)
+    return lines, refused
+
+
+def main(arguments):
+    limits, integers, files = Limits(), False, []
+    while arguments:
+        argument = arguments.pop(0)
+        if argument == "--integers":
+            integers = True
+        elif argument in ("--max-primitives", "--max-memory") and arguments:
+            setattr(limits, argument[2:].replace("-", "_"), int(arguments.pop(0)))
+        elif argument.startswith("-"):
+            sys.exit(__doc__)
+        else:
+            files.append(argument)
+    if not files:
+        sys.exit(__doc__)
+    any_refused = False
+    for path in files:
+        with open(path, "rb") as file:
+            lines, refused = describe(file.read(), limits, integers)
+        print(f"{path}:")
+        print("\n".join("  " + line for line in lines))
+        any_refused = any_refused or bool(refused)
+    sys.exit(3 if any_refused else 0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all clauses use: fields in bytes, checksums, and refusing a file."""
+import struct
+
+import xxhash
+
+
+class Refused(Exception):
+    """A "must" of the text that does not hold. `unsupported`: the file may be sound, but asks for
+    what this version does not know, or more than the limits."""
+
+    def __init__(self, clause, reason, unsupported=False):
+        super().__init__(f"clause {clause}: {reason}")
+        self.clause, self.reason, self.unsupported = clause, reason, unsupported
+
+
+def need(holds, clause, reason, unsupported=False):
+    if not holds:
+        raise Refused(clause, reason, unsupported)
+
+
+def checksum(data):  # 1.5
+    return xxhash.xxh3_64_intdigest(bytes(data))
+
+
+class Fields:
+    """Takes one field after the other (1.3); `clause` is refused where the bytes end too soon."""
+
+    def __init__(self, data, clause):
+        self.data, self.at, self.clause = data, 0, clause
+
+    def left(self):
+        return len(self.data) - self.at
+
+    def bytes(self, count):
+        need(count <= self.left(), self.clause, f"needs {count} bytes at {self.at}, has {self.left()}")
+        self.at += count
+        return self.data[self.at - count:self.at]
+
+    def _one(self, form):
+        return struct.unpack("<" + form, self.bytes(struct.calcsize("<" + form)))[0]
+
+    def u8(self):  # 1.2
+        return self._one("B")
+
+    def i8(self):
+        return self._one("b")
+
+    def u16(self):
+        return self._one("H")
+
+    def i16(self):
+        return self._one("h")
+
+    def u32(self):
+        return self._one("I")
+
+    def u64(self):
+        return self._one("Q")
+
+    def f32(self):
+        return self._one("f")
+
+    def f64(self):
+        return self._one("d")
+
+    def text(self):  # 1.4, 4.3
+        try:
+            return self.bytes(self.u32()).decode("utf-8")
+        except UnicodeDecodeError:
+            raise Refused("4.3", "a text that is not UTF-8") from None
+
+    def number(self):  # 1.8
+        value, shift = 0, 0
+        while True:
+            byte = self.u8()
+            value |= (byte & 127) << shift
+            need(value < 1 << 64 and shift <= 63, "1.8", "a number beyond 64 bits")
+            if byte < 128:
+                need(byte > 0 or shift == 0, "1.8", "a number of more bytes than it needs")
+                return value
+            shift += 7

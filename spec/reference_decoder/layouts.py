@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clauses 6.2 to 6.5 and the shapes of 7.3 to 7.5: layouts and their streams."""
+from dataclasses import dataclass, field
+
+import rans
+from fields import need
+
+COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 9, 11: 15, 12: 21}  # 6.4
+NAMES = {1: "position", 2: "time", 3: "sigma", 4: "radius", 5: "velocity", 6: "log_scale",
+         7: "rotation", 8: "opacity", 9: "sh0", 10: "sh1", 11: "sh2", 12: "sh3"}
+OPTIONAL = 0x8000  # 6.5
+SH = (9, 10, 11, 12)
+# Mapping: the attributes that may have it (7.5.1 to 7.5.8).
+MAPS = {0: tuple(COMPONENTS), 1: (1, 2, 6, 8) + SH, 2: (3, 4), 3: (5,), 4: (7,), 5: SH, 6: (7,),
+        7: (2,)}
+MORTON, RANS = 3, 1
+
+
+@dataclass
+class Stream:  # 6.3
+    attribute: int
+    components: int
+    mapping: int
+    prediction: int
+    coder: int
+    e: int
+    bits: list
+    origin: list
+    tables: list = field(default_factory=list)
+
+    def optional(self):
+        return self.attribute >= OPTIONAL
+
+    def planes(self):
+        return self.components * len(self.bits)
+
+
+@dataclass
+class Layouts:
+    tables: list = field(default_factory=list)
+    layouts: list = field(default_factory=list)
+
+
+def read_layouts(fields):  # 6.2
+    out = Layouts()
+    count = fields.u16()
+    need(count <= 1024, "6.2", f"{count} tables")
+    out.tables = [rans.Table(fields) for _ in range(count)]
+    count = fields.u16()
+    need(count <= 65534, "6.2", f"{count} layouts")
+    for _ in range(count):
+        out.layouts.append([read_stream(fields, len(out.tables)) for _ in range(fields.u8())])
+        group = sum(1 for s in out.layouts[-1] for t in s.tables if out.tables[t].only is None)
+        need(group <= 256, "A.1", f"a group of {group} planes")
+    return out
+
+
+def read_stream(fields, tables):  # 6.3
+    s = Stream(fields.u16(), fields.u8(), fields.u8(), fields.u8(), fields.u8(), fields.i8(), [], [])
+    digits, origin = fields.u8(), fields.u8()
+    need(1 <= digits <= 16, "6.3", f"{digits} digits")
+    need(origin <= 3, "6.3", f"an origin of {origin} numbers")
+    s.bits = [fields.u8() for _ in range(digits)]
+    s.origin = [fields.f32() for _ in range(origin)] + [0.0] * (3 - origin)
+    if s.coder == RANS:
+        s.tables = [fields.u16() for _ in range(s.planes())]
+        need(all(t < tables for t in s.tables), "6.3", "a table that is not there")
+    if s.optional():
+        need(s.coder != RANS, "6.5", "an optional stream that is rANS")
+        return s
+    need(s.attribute in COMPONENTS, "6.5", f"attribute {s.attribute}")
+    need(s.coder <= 1 and s.prediction <= 3 and s.mapping <= 7, "7.1",
+         f"coder {s.coder}, prediction {s.prediction}, mapping {s.mapping}", unsupported=True)
+    need(all(1 <= b <= 8 for b in s.bits), "7.3", f"digits of {s.bits} bits")
+    need(s.coder == RANS or all(b == 8 for b in s.bits), "7.2", "digits of less than 8 bits")
+    need(sum(s.bits) <= (64 if s.prediction == MORTON else 32), "7.3", f"{sum(s.bits)} bits")
+    need(s.attribute in MAPS[s.mapping], "7.5", f"mapping {s.mapping} of {NAMES[s.attribute]}")
+    need(s.mapping != 0 or (s.prediction == 0 and s.e == 0), "7.5.1", "not as the float mapping is")
+    need(s.prediction != MORTON or (s.attribute == 1 and s.mapping == 1), "7.4", "prediction 3")
+    need(s.mapping != 2 or 0 <= s.e <= 23, "7.5.3", f"e = {s.e}")
+    need(s.mapping not in (4, 6) or -12 <= s.e <= -1, "7.5.5", f"e = {s.e}")
+    components = 1 if s.prediction == MORTON else 3 if s.mapping in (4, 6) else \
+        COMPONENTS[s.attribute]
+    need(s.components == components, "7.5", f"{s.components} components")
+    return s
+
+
+def check_attributes(layout, content, degree):
+    """That a layout has what a record of this content must (5.7, 6.4). True: without harmonics."""
+    have = [s.attribute for s in layout if not s.optional()]
+    base, rest = list(range(1, 10)), list(range(10, 10 + degree))
+    if content == 1:
+        need(have == rest, "6.4", f"attributes {have}")
+        return False
+    need(have in (base, base + rest), "6.4", f"attributes {have}")
+    return have == base

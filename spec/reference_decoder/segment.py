@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clauses 6 and 7: from SEGM records to integers, from integers to floats."""
+import math
+import struct
+
+import numpy as np
+import zstandard
+
+import rans
+from container import known, record_at
+from fields import Fields, checksum, need
+from layouts import COMPONENTS, MORTON, RANS, Layouts, check_attributes, read_layouts
+
+F32 = np.float32
+
+
+def decode_tier(file, tier, with_harmonics=True):
+    """{attribute: (integers, floats)}; integers has a row a component, floats one a primitive."""
+    records = [(tier.base, 0)] + [(tier.harmonics, 1)] * (tier.harmonics is not None)
+    opened = [open_record(file, tier, *record) for record in records]
+    need(file.degree > 0 or tier.harmonics is None, "5.7", "harmonics apart where there are none")
+    if file.degree > 0:  # 5.7
+        need(opened[0][2] == (tier.harmonics is not None), "5.7", "harmonics stored twice or nowhere")
+    out = {}
+    for record in opened:  # the sizes of all streams, before memory is taken for the primitives
+        check_sizes(record, tier.n)
+    for record in opened:
+        decode_record(file, tier, record, out)
+    for attribute, (_, floats) in out.items():
+        check_values(attribute, floats)
+    return out
+
+
+def open_record(file, tier, place, content):  # 6.1
+    tag, flags, payload, payload_sum = record_at(file.data, place.offset, place.offset + place.size)
+    need(tag == b"SEGM" and len(payload) + 32 == place.size, "5.3", f"record {tag} of another size")
+    need(flags & 1 == 1, "3.2", "a segment that is not marked critical")
+    known(tag, flags, (b"SEGM",))
+    need(checksum(payload) == payload_sum, "3.1", "the checksum of SEGM")
+    fields = Fields(payload, "6.1")
+    stated = (fields.i16(), fields.u16(), fields.u32(), fields.u32())
+    need(stated == (tier.level, 256 * content + tier.number, tier.slot, tier.n), "6.1",
+         f"the record says {stated}")
+    number, planes_sum = fields.u16(), fields.u64()
+    layouts = file.layouts
+    if number == 65535:
+        layouts, number = read_layouts(fields), 0
+        need(len(layouts.layouts) == 1, "6.1", f"{len(layouts.layouts)} layouts of its own")
+    need(number < len(layouts.layouts), "6.1", f"layout {number} is not there")
+    layout = layouts.layouts[number]
+    partial = check_attributes(layout, content, file.degree)
+    first_key = fields.u64() if any(s.prediction == MORTON for s in layout) else 0
+    sizes = [None if s.coder == RANS else fields.u64() for s in layout]
+    stored = [b"" if size is None else fields.bytes(size) for size in sizes]
+    group = fields.bytes(fields.left()) if any(s.coder == RANS for s in layout) else b""
+    need(fields.left() == 0, "6.1", f"{fields.left()} bytes after the streams")
+    return (layouts, layout, partial, first_key, stored, group, planes_sum)
+
+
+def check_sizes(record, n):  # 7.2
+    _, layout, _, _, stored, group, _ = record
+    for s, data in zip(layout, stored):
+        if s.optional() or s.coder == RANS or len(data) == n * s.planes():
+            continue
+        try:
+            frame = zstandard.get_frame_parameters(data)
+        except zstandard.ZstdError:
+            need(False, "7.2", "neither planes nor a frame")
+        need(frame.content_size == n * s.planes() and frame.dict_id == 0, "7.2",
+             "a frame of another size, or with a dictionary")
+        need(frame.content_size <= 32768 * len(data), "7.2", "a frame cannot hold that much")
+
+
+def unpack(data, size):  # 7.2, coder 0
+    if len(data) == size:
+        return data
+    frame = zstandard.ZstdDecompressor().decompressobj()
+    try:
+        planes = frame.decompress(data)
+    except zstandard.ZstdError as error:
+        need(False, "7.2", f"zstd: {error}")
+    need(len(planes) == size and frame.eof and not frame.unused_data, "7.2",
+         "a frame of another size, or something after it")
+    return planes
+
+
+def decode_record(file, tier, record, out):
+    layouts, layout, _, first_key, stored, group, planes_sum = record
+    n = tier.n
+    in_group = [layouts.tables[t] for s in layout for t in s.tables
+                if layouts.tables[t].only is None]
+    coded = iter(rans.decode_group(group, n, in_group)) if group or \
+        any(s.coder == RANS for s in layout) else iter(())
+    summed, planes_of = bytearray(), []
+    for s, data in zip(layout, stored):
+        planes = []
+        if s.optional():  # 6.5
+            pass
+        elif s.coder == RANS:
+            for t in s.tables:
+                only = layouts.tables[t].only
+                planes.append(bytes([only]) * n if only is not None else bytes(next(coded)))
+                if only is None:
+                    summed += planes[-1]
+        else:
+            data = unpack(data, n * s.planes())
+            summed += data
+            planes = [data[p * n:(p + 1) * n] for p in range(s.planes())]
+        planes_of.append(planes)
+    need(checksum(summed) == planes_sum, "6.1", "the checksum of the planes")
+    done = {}
+    for s, planes in zip(layout, planes_of):
+        if s.optional():
+            continue
+        q = predicted(s, values(s, planes, n), first_key)
+        done[s.attribute] = q, mapped(file, tier, s, q, {**out, **done})
+    out.update(done)
+
+
+def values(s, planes, n):  # 7.3
+    limit = 1 << (64 if s.prediction == MORTON else 32)
+    out = []
+    for c in range(s.components):
+        v, shift = [0] * n, 0
+        for d, bits in enumerate(s.bits):
+            plane = planes[c * len(s.bits) + d]
+            v = [(a | (symbol << shift)) % limit for a, symbol in zip(v, plane)]
+            shift += bits
+        out.append(v)
+    return out
+
+
+def signed(v):  # 32-bit two's complement
+    v &= 0xFFFFFFFF
+    return v - (1 << 32) if v >> 31 else v
+
+
+def predicted(s, rows, first_key):  # 7.4
+    if s.prediction == 0:
+        return [[signed(v) for v in row] for row in rows]
+    if s.prediction == MORTON:
+        out, key = [[], [], []], first_key
+        need(key < 1 << 63, "7.4", "a first key of 2^63 or more")
+        for v in rows[0]:
+            key += v
+            need(v < 1 << 63 and key < 1 << 63, "7.4", "a key of 2^63 or more")
+            for c in range(3):
+                out[c].append(sum((key >> (3 * j + c) & 1) << j for j in range(21)))
+        return out
+    rows = [[-(v + 1) // 2 if v % 2 else v // 2 for v in row] for row in rows]
+    if s.prediction == 2:
+        for row in rows:
+            q = 0
+            for i, v in enumerate(row):
+                row[i] = q = signed(q + v)
+    return rows
+
+
+def in_range(q, clause="7.5"):
+    for row in q:
+        need(all(-(1 << 24) <= v < 1 << 24 for v in row), clause, "an integer of more than 24 bits")
+
+
+def power(k):  # 2^k of 7.5
+    return F32(math.ldexp(1.0, max(-126, min(127, int(k)))))
+
+
+def floats_of(row):  # exact in f32 where in_range holds; else rounded to nearest (1.7)
+    return np.array(row, dtype=np.int64).astype(F32)
+
+
+def mapped(file, tier, s, q, out):  # 7.5
+    with np.errstate(all="ignore"):
+        if s.mapping == 0:
+            return np.array(q, dtype=np.int64).astype(np.uint32).view(F32).T
+        in_range(q)
+        origin = [F32(v) for v in s.origin]
+        if s.mapping == 1:
+            return np.array([origin[c % 3] + power(s.e) * floats_of(row)
+                             for c, row in enumerate(q)]).T
+        if s.mapping == 2:
+            return truncated(s, q[0], origin)
+        if s.mapping == 3:
+            return displacement(tier, s, q, out)
+        if s.mapping in (4, 6):
+            return rotation(s, q, out)
+        if s.mapping == 5:
+            return colour(s, q)
+        return moment(tier, s, q[0], origin)
+
+
+def truncated(s, q, origin):  # 7.5.3
+    need(all(v >= 0 for v in q), "7.5.3", "an integer below 0")
+    first = struct.unpack("<I", struct.pack("<f", origin[0]))[0]
+    bits = [first + (v << s.e) for v in q]
+    need(all(b < 0x7F800000 for b in bits), "7.5.3", "bits that are no finite float")
+    return (np.array(bits, dtype=np.uint32).view(F32) - origin[1]).reshape(-1, 1)
+
+
+def displacement(tier, s, q, out):  # 7.5.4
+    sigma, radius = out[3][1][:, 0], out[4][1][:, 0]
+    begin, end = tier.part
+    length = np.minimum(radius + F32(2) * sigma, F32(end - begin))
+    e = (length.view(np.uint32) >> 23 & 255).astype(int) - 127
+    step = np.array([power(s.e - v) for v in e], dtype=F32)
+    return np.array([step * floats_of(row) for row in q]).T
+
+
+def rotation(s, q, out):  # 7.5.5, 7.5.7
+    rows = []
+    for i, (x, y, z) in enumerate(zip(*q)):
+        e = s.e
+        if s.mapping == 6:
+            scales = out[6][1][i]
+            a = scales.max() - scales.min()
+            e += 3 - sum(bool(a >= F32(v)) for v in (0.125, 0.5, 1.25, 2.375, 3.75, 5))
+            e = max(-12, min(-1, e))
+        r = (1 << -2 * e) - x * x - y * y - z * z
+        need(r > 0, "7.5.5", "a rotation without a w")
+        rows.append([power(e) * np.sqrt(F32(r))] + [power(e) * F32(v) for v in (x, y, z)])
+    return np.array(rows, dtype=F32)
+
+
+def colour(s, q):  # 7.5.6
+    rows = []
+    for c in range(0, len(q), 3):
+        y, o, g = (np.array(row, dtype=np.int64) for row in q[c:c + 3])
+        rows += [power(s.e) * v.astype(F32) for v in (y - g + o, y + g, y - g - o)]
+    return np.array(rows).T
+
+
+def moment(tier, s, q, origin):  # 7.5.8
+    t = math.ldexp(tier.start, -s.e)
+    first = math.floor(max(-2.0 ** 25, min(2.0 ** 25, t)))
+    sums = [v + first for v in q]
+    in_range([sums], "7.5.8")
+    return (origin[0] + power(s.e) * floats_of(sums)).reshape(-1, 1)
+
+
+def check_values(attribute, floats):  # 6.4, conformance.md 1.2
+    need(np.isfinite(floats).all(), "6.4", "a value that is not finite")
+    need(attribute != 3 or (floats > 0).all(), "6.4", "a sigma that is not above 0")
+    need(attribute != 4 or (floats >= 0).all(), "6.4", "a radius below 0")
+    need(attribute != 7 or (floats != 0).any(axis=1).all(), "6.4", "a quaternion of length 0")

@@ -1,0 +1,118 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Holds the conformance vectors, the reference decoder and the project's decoder against each other.
+
+usage: check_vectors.py PROGRAM           PROGRAM is describe_vectors
+       check_vectors.py PROGRAM --record  writes the issue numbers that PROGRAM gives to what must
+                                          fail into the manifest, to be read before it is committed
+
+The generator must make the committed bytes again; both decoders must give the manifest's hash, and
+refuse what must fail, in the same place, the one with the clause and the other with the issue.
+"""
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
+try:
+    from container import Limits
+    from decode import describe
+    from fields import checksum
+except ImportError as error:
+    print(f"skipped: {error} (tools/setup/packages.txt)")
+    sys.exit(77)
+from make_vectors import write_all
+
+MANIFEST = os.path.join(HERE, "manifest.json")
+
+
+def split(lines):
+    """What is decoded, as text, and (place, message) of what is refused."""
+    decoded = "".join(line + "\n" for line in lines if "refused: " not in line)
+    refused = [line.split("refused: ", 1) for line in lines if "refused: " in line]
+    return decoded, [(place.strip() or "file", message) for place, message in refused]
+
+
+def program_lines(program, path, limits):
+    arguments = []
+    for name, value in limits.items():
+        arguments += ["--" + name.replace("_", "-"), str(value)]
+    run = subprocess.run([program, *arguments, path], capture_output=True, text=True, check=False)
+    if run.returncode != 0:
+        return None, run.stderr.strip() or f"ended with {run.returncode}"
+    lines = [line.strip() for line in run.stdout.splitlines()[1:]]
+    return lines[:-1], [int(n) for n in lines[-1].split()[1:]]
+
+
+def check(entry, data, path, program, record):
+    """Yields what is wrong."""
+    limits = entry.get("limits", {})
+    expected = entry.get("refused", [])
+    lines, clauses = describe(data, Limits(**limits))
+    decoded, refused = split(lines)
+    if f"{checksum(decoded.encode()):016x}" != entry["decoded"]:
+        yield "the reference decoder decodes something else"
+    if [place for place, _ in refused] != expected or set(clauses) - {entry["clause"]}:
+        yield f"the reference decoder refuses {refused}"
+    lines, errors = program_lines(program, path, limits)
+    if lines is None:
+        yield errors
+        return
+    other, other_refused = split(lines)
+    if other != decoded:
+        yield f"the decoders differ:\n{decoded}against\n{other}"
+    if [place for place, _ in other_refused] != expected:
+        yield f"the decoder refuses {other_refused}, the reference {refused}"
+    elif bool(expected) != bool(errors):
+        yield f"the validator finds {errors}"
+    elif expected:
+        found = re.search(r"issue (\d+)\)$", other_refused[0][1])
+        issue = int(found.group(1)) if found else None
+        if record:
+            entry["issue"] = issue
+        if issue is None or issue != entry.get("issue") or issue not in errors:
+            yield f"refused by {other_refused[0][1]!r}, validated with {errors}"
+
+
+def main():
+    if len(sys.argv) not in (2, 3) or sys.argv[2:] not in ([], ["--record"]):
+        sys.exit(__doc__)
+    with open(MANIFEST, encoding="utf-8") as file:
+        manifest = json.load(file)
+    vectors = manifest["vectors"]
+    problems = []
+    with tempfile.TemporaryDirectory() as folder:
+        write_all(folder)
+        made = sorted(os.listdir(folder))
+        names = sorted(entry["name"] + ".stgs" for entry in vectors)
+        if made != names or sorted(os.listdir(os.path.join(HERE, "vectors"))) != names:
+            problems.append("generator, folder and manifest do not have the same vectors")
+        for entry in vectors:
+            path = os.path.join(HERE, "vectors", entry["name"] + ".stgs")
+            with open(path, "rb") as file:
+                data = file.read()
+            with open(os.path.join(folder, entry["name"] + ".stgs"), "rb") as file:
+                if file.read() != data or f"{checksum(data):016x}" != entry["file"]:
+                    problems.append(f"{entry['name']}: the generator makes other bytes")
+            problems += [f"{entry['name']} (clause {entry['clause']}): {problem}" for problem in
+                         check(entry, data, path, sys.argv[1], len(sys.argv) == 3)]
+    if len(sys.argv) == 3:
+        with open(MANIFEST, "w", encoding="utf-8") as file:
+            json.dump(manifest, file, indent=1)
+            file.write("\n")
+    for problem in problems:
+        print(problem)
+    must_fail = sum("refused" in entry for entry in vectors)
+    print(f"{len(vectors)} vectors, {must_fail} must fail, {len(problems)} problems")
+    if len(vectors) < 60 or must_fail < 30:
+        print("fewer than 60 vectors, or than 30 that must fail")
+        sys.exit(1)
+    sys.exit(1 if problems else 0)
+
+
+if __name__ == "__main__":
+    main()

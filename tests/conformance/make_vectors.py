@@ -1,0 +1,447 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the conformance vectors: small files, sound or broken in one way, the same on every machine.
+
+usage: make_vectors.py DIR            writes DIR/NAME.stgs for each vector
+       make_vectors.py --update       writes those of this folder, and manifest.json: what each is
+                                      about, and what the reference decoder answers
+"""
+import json
+import os
+import struct
+import sys
+from dataclasses import dataclass
+
+from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
+                         layouts_payload, record, table_bytes, zstd_frame)
+from vector_scenes import coded_streams, float_streams, give_tables, own_body
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+VECTORS = []
+
+
+@dataclass
+class Vector:
+    name: str
+    clause: str     # that it is about; of what must fail, the one that refuses it
+    about: str
+    data: bytes
+    limits: dict    # of the reader, where they are not the default ones
+    fails: bool
+
+
+def vector(name, clause, about, file, limits=None, fails=False):
+    data = file if isinstance(file, bytes) else file.bytes()
+    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails))
+
+
+def must_fail(name, clause, about, file, limits=None):
+    vector(name, clause, about, file, limits, True)
+
+
+def plain(n=3, degree=0, seed=1, **more):
+    """One persistent segment of floats."""
+    body = more.pop("body", None) or Body(float_streams(n, degree, seed), n)
+    meta = more.pop("meta", None) or Meta(profile=0, degree=degree)
+    return File([Part([Segment(-1, 0, [body])])], meta, **more)
+
+
+def coded(n=5, degree=0, seed=2, level=-1, slot=0, **streams):
+    return File([Part([Segment(level, slot, [own_body(coded_streams(n, degree, seed, **streams), n)])])],
+                Meta(degree=degree))
+
+
+def changed(attribute, n=3, degree=0, **fields):
+    """plain() or, for what is coded, coded(), with one stream's fields changed."""
+    streams = float_streams(n, degree, 1)
+    for s in streams:
+        if s.attribute == attribute:
+            for name, value in fields.items():
+                setattr(s, name, value)
+    return plain(body=Body(streams, n), degree=degree)
+
+
+def replaced(stream, n=3, **body):
+    streams = [stream if s.attribute == stream.attribute else s for s in float_streams(n, 0, 1)]
+    return plain(body=own_body(streams, n, **body))
+
+
+def reseal_header(data):
+    return data[:32] + struct.pack("<Q", checksum(data[:32])) + data[40:]
+
+
+def with_byte(data, at, flip=1):
+    return data[:at] + bytes([data[at] ^ flip]) + data[at + 1:]
+
+
+def sound_lossless():
+    primitive = [(1, 1.0, 2.0, 3.0), (2, 0.5), (3, 1.0), (4, 0.25), (5, 0.0, 0.0, 0.0),
+                 (6, -1.0, -2.0, -3.0), (7, 1.0, 0.0, 0.0, 0.0), (8, 2.0), (9, 0.1, 0.2, 0.3)]
+    streams = [Stream(a, 0, 0, [[bits_of(v)] for v in values]) for a, *values in primitive]
+    vector("one_primitive", "9", "the primitive of the example, with its own layout",
+           plain(body=Body(streams, 1)))
+    for degree in range(4):
+        vector(f"floats_degree_{degree}", "7.5.1", f"mapping 0, harmonics of degree {degree}",
+               plain(4, degree, 10 + degree))
+    two = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
+           Segment(1, 0, [Body(float_streams(1, 0, 4, 0, 10), 1)]),
+           Segment(0, 0, [Body(float_streams(2, 0, 5, 0, 5), 2)]),
+           Segment(0, 1, [Body(float_streams(1, 0, 6, 2.5, 5), 1)]),
+           Segment(0, 4, [Body(float_streams(1, 0, 7, 10, 5), 1)])]
+    vector("levels", "5.4", "persistent, levels 0 and 1, slots that are left out", File(
+        [Part(two)], Meta(profile=0)))
+    shared = [float_streams(2, 0, 8, 0, 5), float_streams(3, 0, 9, 5, 5)]
+    layt = struct.pack("<HH", 0, 2) + b"\x01" + Stream(0x8001, 0, 0, [[0]]).row() + b"\x09"
+    layt += b"".join(s.row() for s in shared[0])
+    segments = [Segment(0, 2 * i, [Body(s, len(s[0].v[0]), layout=1)]) for i, s in enumerate(shared)]
+    vector("shared_layout", "6.2", "two records with layout 1 of LAYT, behind INDX in the head",
+           File([Part(segments)], Meta(profile=0), layouts=layt, order=(b"META", b"INDX", b"LAYT")))
+    for kind in ("raw", "repeat"):
+        streams = float_streams(6, 0, 12)
+        if kind == "repeat":
+            streams[7].v = [[0x40404040] * 6]
+        streams[7].zstd = kind
+        vector(f"zstd_{kind}", "7.2", f"a stream as one zstd frame of a {kind} block",
+               plain(body=Body(streams, 6)))
+    extra = Stream(0x8001, 9, 3, [[1, 2, 3]], 7, 0, (8,), (1.0,), stored=b"whatever")
+    streams = float_streams(3, 0, 1)
+    vector("optional_stream", "6.5", "an attribute of 0x8001 between the others, skipped",
+           plain(body=Body(streams[:4] + [extra] + streams[4:], 3)))
+
+
+def sound_coded():
+    vector("coded", "7", "mappings 1 to 5 and 7, predictions 0 to 3, all rANS, persistent", coded())
+    vector("shaped_rotation", "7.5.7", "mapping 6", coded(40, shaped=True))
+    vector("moment_in_a_slot", "7.5.8", "mapping 7 counts from the beginning of its segment",
+           coded(6, level=0, slot=2))
+    vector("coded_degree_3", "7.5.6", "mapping 5 for all harmonics, tables shared between planes",
+           coded(7, 3, 21))
+    for n in (1, 64, 65, 2048, 2112):
+        streams = float_streams(n, 0, 31) if n < 100 else None
+        if streams is None:  # all but position is the same for all primitives
+            streams = float_streams(1, 0, 31)
+            for s in streams:
+                s.v, s.zstd = [row * n for row in s.v], "repeat"
+                s.coder, s.digits = RANS, None
+        streams[0] = coded_streams(n, 0, 31)[0]
+        vector(f"lanes_{n}", "A.1", f"a group of {n} primitives", plain(body=own_body(streams, n)))
+    streams = coded_streams(9, 1, 5, which="base"), coded_streams(9, 1, 5, which="rest")
+    second = coded_streams(4, 1, 6, which="base"), coded_streams(4, 1, 6, which="rest")
+    tables = []
+    give_tables([streams[0]], tables)
+    give_tables([streams[1], second[1]], tables)
+    give_tables([second[0]], tables)
+    layt = layouts_payload(tables, [streams[0], streams[1], second[0]])
+    bodies = [Body(streams[0], 9, 0, tables), Body(second[0], 4, 2, tables)]
+    rest = [Body(streams[1], 9, 1, tables), Body(second[1], 4, 1, tables)]
+    vector("tiers", "5.7", "two tiers, harmonics apart, layouts and tables of LAYT",
+           File([Part([Segment(-1, 0, bodies, rest)])], Meta(degree=1), layouts=layt))
+    wide = Stream(8, 1, -2, [[0, 0, 0]], 0, RANS, (2, 3), digits=[bytes([7, 1, 255]),
+                                                                bytes([2, 0, 9])])
+    vector("digits_wider_than_their_bits", "7.3", "they are or-ed all the same", replaced(wide))
+    limits = Stream(8, 1, -24, [[(1 << 24) - 1, (1 << 32) - (1 << 24), 0]], 0)
+    vector("integers_of_24_bits", "7.5", "the least and the greatest", replaced(limits))
+    vector("step_below_f32", "7.5", "2^e is clamped at 2^-126",
+           replaced(Stream(8, 1, -128, [[1, 2, 3]], 0)))
+    vector("displacement_clamped", "7.5.4", "lifespans longer than the part",
+           replaced(Stream(5, 3, -3, [[2, 3, 4]] * 3, 1)))
+    key = Stream(1, 1, -10, [[0, 5, (1 << 40) + 3]], 3, bits=(8,) * 8)
+    vector("morton_of_63_bits", "7.4", "a first key, differences of eight digits",
+           replaced(key, first_key=(1 << 62) + 12345))
+    colour = Stream(9, 5, -24, [[(1 << 24) - 1] * 3, [0, 1, 2], [5, (1 << 32) - 7, 3]], 0)
+    vector("colour_rounds", "7.5.6", "channels above 2^24 are rounded once", replaced(colour))
+    linear = coded_streams(5, 0, 40, moment=False)
+    vector("linear_time", "7.5.2", "mapping 1 for time", plain(body=own_body(linear, 5)))
+
+
+def sound_container():
+    note = record(b"NOTE", b"hello", 0)
+    later = plain(degree=1, minor=9, flags=0x10000, head_first=note, head_last=record(b"INDX", b"", 2),
+                  tail=note + record(b"SEGM", b"????????", 2), index_extra=b"later",
+                  meta=Meta(profile=0, degree=1, extra=b"later"))
+    vector("newer_minor", "2.5", "minor version 9, unknown flags, records and fields", later)
+    seen = Meta(profile=0, size=(640, 480), lens=(500.0, 500.0, 320.0, 240.0),
+                rotation=(0, 0, 1, 0, 1, 0, -1, 0, 0))
+    vector("start_camera", "4.3", "a start camera", plain(meta=seen))
+    window = struct.pack("<IIQQ", 5, 100, 1, 2)
+    vector("window", "4.5", "WNDW", plain(head_last=record(b"WNDW", window + b"later", 0)))
+    vector("importance", "5.11", "IMPO behind an unknown record", plain(
+        tail=note + record(b"IMPO", struct.pack("<3f", 0.5, 0, 3), 0)))
+    parts = [Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 0, 15), 2)])], 0, 14.5),
+             Part([Segment(-1, 0, [own_body(coded_streams(3, 0, 3, moment=False), 3)]),
+                   Segment(0, 6, [own_body(coded_streams(2, 0, 4), 2)])], 14.5, 30, note)]
+    vector("parts", "5.10", "two parts, a record between them", File(parts, Meta()))
+    further = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)], further=[(512, b"new"), (65535, b"")])
+    vector("further_records", "5.7", "contents 2 and 255, ignored", File([Part([further])]))
+    vector("empty", "5.2", "no primitives, no parts", File([]))
+    vector("attribute_totals", "5.2", "totals, of an unknown attribute too",
+           plain(totals=((1, 36), (0x8001, 1 << 40))))
+    moved = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
+             Segment(30, 0, [Body(float_streams(1, 0, 3), 1)])]
+    vector("level_30", "5.4", "the longest level", File([Part(moved)]))
+
+
+def broken_header():
+    good = plain().bytes()
+    must_fail("short", "2.2", "39 bytes", good[:39])
+    must_fail("magic", "2.1", "another first byte", with_byte(good, 0))
+    must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
+    must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
+    must_fail("major_version", "2.5", "major version 1", plain(major=1))
+    must_fail("minor_version", "2.5", "minor version 3, an experiment", plain(minor=3))
+    must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=1))
+    must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
+    must_fail("bytes_after_the_end", "2.6", "one more", good + b"\0")
+    must_fail("head_beyond_the_file", "2.3", "head_bytes too great", plain(head_bytes=1 << 20))
+    must_fail("head_cuts_a_record", "3.3", "head_bytes one too small", plain(head_bytes=-1))
+
+
+def broken_head():
+    good = plain().bytes()
+    must_fail("record_header_checksum", "3.1", "META's, a flipped bit", with_byte(good, 50))
+    must_fail("meta_checksum", "3.1", "META's payload, a flipped bit", with_byte(good, 90))
+    must_fail("index_checksum", "3.1", "INDX's payload, a flipped bit",
+           with_byte(good, good.index(b"INDX") + 34))
+    must_fail("meta_not_critical", "3.2", "flags 0", plain(record_flags={b"META": 0}))
+    must_fail("unknown_critical", "3.4", "a critical record of an unknown tag",
+           plain(head_last=record(b"NEWS", b"")))
+    must_fail("unknown_record_flag", "3.4", "INDX with flags 3", plain(record_flags={b"INDX": 3}))
+    must_fail("two_metas", "2.3", "META twice", plain(head_last=record(b"META", Meta().payload())))
+    must_fail("no_index", "2.3", "META alone", plain(order=(b"META",)))
+    must_fail("index_before_meta", "2.3", "INDX first", plain(order=(b"INDX", b"META")))
+    for name, about, meta in (
+            ("no_frames", "a duration of 0", Meta(frames=0)),
+            ("time_base", "a denominator of 0", Meta(time_base=(1, 0))),
+            ("degree_4", "harmonics of degree 4", Meta(degree=4)),
+            ("convention", "axes 1", Meta(conventions=(0, 1, 0, 0)))):
+        must_fail(name, "4.2", about, plain(meta=meta))
+    for name, about, meta in (
+            ("bounds_not_finite", "a bound that is no number", Meta(least=(float("nan"), 0, 0))),
+            ("near_plane", "a near plane below 0", Meta(near=-1.0)),
+            ("not_a_rotation", "a start camera that mirrors",
+             Meta(size=(4, 4), lens=(1, 1, 0, 0), rotation=(-1, 0, 0, 0, 1, 0, 0, 0, 1))),
+            ("not_utf8", "a generator that is not UTF-8", Meta(generator=b"\xff"))):
+        must_fail(name, "4.3", about, plain(meta=meta))
+    must_fail("window_outside", "4.5", "a window beyond its capture",
+           plain(head_last=record(b"WNDW", struct.pack("<IIQQ", 71, 100, 1, 2), 0)))
+
+
+def broken_index():
+    def one(level, slot, **more):
+        return Segment(level, slot, [Body(float_streams(1, 0, 3), 1)], **more)
+
+    def of(segments, **part):
+        return File([Part(segments, **part)])
+
+    must_fail("chunk", "5.2", "a chunk of 0", plain(chunk=0.0))
+    must_fail("index_cut", "5.2", "the index ends in its counts", plain(index=struct.pack("<d", 5.0)))
+    must_fail("number_too_long", "1.8", "0 in two bytes",
+           plain(index=struct.pack("<d", 5.0) + b"\x80\x00\x00\x00"))
+    must_fail("number_too_great", "1.8", "a number of 70 bits",
+           plain(index=struct.pack("<d", 5.0) + b"\xff" * 9 + b"\x7f\x00\x00"))
+    must_fail("total", "5.2", "a wrong total", plain(total=4))
+    must_fail("out_of_order", "5.6", "a later segment first", of([one(0, 2), one(1, 0)]))
+    must_fail("longer_one_second", "5.6", "of two that begin together the shorter first",
+           of([one(0, 0), one(1, 0)]))
+    must_fail("outside_the_timeline", "5.4", "a slot beyond the end", of([one(0, 12)]))
+    must_fail("outside_its_part", "5.4", "a slot before its part", of([one(0, 0)], begin=10.0))
+    must_fail("part_inverted", "5.3", "a part that ends before it begins", of([one(-1, 0)], begin=30.0,
+                                                                        end=29.0))
+    must_fail("persistent_slot", "5.3", "slot 1 of level -1", of([one(-1, 0, raw_place=32)]))
+    must_fail("record_beyond_the_end", "5.3", "a skip past the end", of([one(-1, 0)], skip=1 << 20))
+    must_fail("no_primitives", "5.3", "a tier of 0 primitives", of([one(-1, 0, counts=[0])]))
+    must_fail("too_many_primitives", "5.5", "more than 32768 a byte", of([one(-1, 0, counts=[1 << 31])]))
+    must_fail("harmonics_of_degree_0", "5.7", "apart, where there are none",
+           of([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1)], [Body([], 1)])]))
+    must_fail("limit_of_primitives", "conformance 1.5", "3 primitives, the limit is 2", plain(),
+           {"max_primitives": 2})
+    must_fail("limit_of_memory", "conformance 1.5", "240 bytes of floats, the limit is 239", plain(),
+           {"max_memory": 239})
+
+
+def broken_segment():
+    def three():
+        return File([Part([Segment(0, 2 * i, [Body(float_streams(2, 0, i, 5 * i, 5), 2)])
+                           for i in range(3)])], Meta(profile=0))
+
+    good = three().bytes()
+    second = good.index(b"SEGM", good.index(b"SEGM") + 4)
+    must_fail("damage_to_one_segment", "3.1", "a flipped bit in the second of three; the others play",
+           with_byte(good, second + 100))
+    for name, clause, flags in (("segment_not_critical", "3.2", 0), ("segment_flags", "3.4", 3)):
+        file = plain()
+        file.parts[0].segments[0].flags = flags
+        must_fail(name, clause, f"SEGM with flags {flags}", file)
+    file = plain()
+    file.parts[0].segments[0].says = (0, 3)
+    must_fail("another_segment", "6.1", "the record says another place than the index", file)
+    streams = float_streams(3, 0, 1)
+    must_fail("layout_not_there", "6.1", "layout 0, no LAYT", plain(body=Body(streams, 3, layout=0)))
+    must_fail("two_own_layouts", "6.1", "two layouts in a record",
+           plain(body=Body(streams, 3, own_layouts=2)))
+    must_fail("bytes_after_the_streams", "6.1", "one byte more",
+           plain(body=Body(streams, 3, after=b"\0")))
+    must_fail("planes_checksum", "6.1", "a wrong checksum of the planes",
+           plain(body=Body(streams, 3, planes_sum=0)))
+    must_fail("attribute_missing", "6.4", "no radius",
+           plain(body=Body(streams[:3] + streams[4:], 3)))
+    must_fail("attributes_out_of_order", "6.4", "time before position",
+           plain(body=Body([streams[1], streams[0]] + streams[2:], 3)))
+    must_fail("unknown_attribute", "6.5", "attribute 13",
+           plain(body=Body(streams + [Stream(13, 0, 0, [[0, 0, 0]])], 3)))
+    must_fail("harmonics_nowhere", "5.7", "left out and not apart",
+           plain(body=Body(float_streams(3, 1, 1, which="base"), 3), degree=1))
+    both = Segment(-1, 0, [Body(float_streams(3, 1, 1), 3)],
+                   [Body(float_streams(3, 1, 1, which="rest"), 3)])
+    must_fail("harmonics_twice", "5.7", "in both records", File([Part([both])], Meta(degree=1)))
+
+
+def broken_streams():
+    for name, clause, about, fields in (
+            ("unknown_mapping", "7.1", "mapping 8", dict(mapping=8)),
+            ("unknown_prediction", "7.1", "prediction 4", dict(prediction=4)),
+            ("unknown_coder", "7.1", "coder 2", dict(coder=2)),
+            ("float_with_prediction", "7.5.1", "mapping 0, prediction 1", dict(prediction=1)),
+            ("mapping_of_another", "7.5", "an opacity with mapping 4", dict(mapping=4)),
+            ("components", "7.5", "an opacity of 2 components", dict(components=2)),
+            ("digits_of_33_bits", "7.3", "5 digits of 8, 8, 8, 8 and 1 bits",
+             dict(bits=(8, 8, 8, 8, 1), coder=RANS, v=[[0, 0, 0]])),
+            ("digit_of_9_bits", "7.3", "a digit of 9 bits", dict(bits=(9,), coder=RANS,
+                                                               v=[[0, 0, 0]])),
+            ("stored_digits_of_4_bits", "7.2", "coder 0, 4 bits", dict(bits=(4, 4), v=[[0, 0, 0]])),
+            ("truncated_opacity", "7.5", "mapping 2 of an opacity", dict(mapping=2))):
+        if fields.get("coder") == RANS:
+            streams = float_streams(3, 0, 1)
+            for field, value in fields.items():
+                setattr(streams[7], field, value)
+            must_fail(name, clause, about, plain(body=own_body(streams, 3)))
+        else:
+            must_fail(name, clause, about, changed(8, **fields))
+    must_fail("coarse_lifespans", "7.5.3", "mapping 2 with e = 24", changed(3, mapping=2, e=24))
+    must_fail("coarse_rotation", "7.5.5", "mapping 4 with e = 0", replaced(
+        Stream(7, 4, 0, [[0] * 3] * 3)))
+    must_fail("zstd_size", "7.2", "a frame that states another size", changed(
+        8, stored=zstd_frame(b"1234567", size=13)))
+    must_fail("zstd_two_frames", "7.2", "a frame behind the frame", changed(
+        8, stored=zstd_frame(b"123456789012") + zstd_frame(b"")))
+    must_fail("zstd_damaged", "7.2", "a block of a reserved kind", changed(
+        8, stored=zstd_frame(b"123456789012").replace(b"\x61\0\0", b"\x67\0\0")))
+    must_fail("integer_of_25_bits", "7.5", "2^24", replaced(Stream(8, 1, -24, [[0, 1 << 24, 0]])))
+    must_fail("delta_out_and_back", "7.5", "sums wrap at 32 bits, but one of them has more than 24",
+              replaced(Stream(8, 1, -20, [[10, 0xFFFFFFFF, 0xFFFFFFFF]], 2)))
+    must_fail("truncated_below_0", "7.5.3", "q = -1",
+           replaced(Stream(3, 2, 18, [[1, 1, 0xFFFFFFFF]], origin=(1.0,))))
+    must_fail("truncated_infinite", "7.5.3", "the bits of infinity",
+           replaced(Stream(3, 2, 23, [[0, 0, 128]], origin=(1.0,))))
+    must_fail("rotation_without_w", "7.5.5", "x^2 = 2^-2e",
+           replaced(Stream(7, 4, -4, [[16, 0, 0], [0, 0, 0], [0, 0, 0]])))
+    must_fail("morton_overflow", "7.4", "a key of 2^63", replaced(
+        Stream(1, 1, 0, [[0, 1, 0]], 3, bits=(8,)), first_key=(1 << 63) - 1))
+    must_fail("moment_beyond_24_bits", "7.5.8", "a sum of 2^24 in a slot",
+           File([Part([Segment(0, 4, [own_body(
+               [Stream(2, 7, -3, [[(1 << 24) - 1, 0, 0]]) if s.attribute == 2 else s
+                for s in float_streams(3, 0, 1)], 3)])])]))
+    for name, attribute, about, value in (
+            ("not_a_number", 6, "a log-scale", float("nan")), ("sigma_0", 3, "a sigma of 0", 0.0),
+            ("radius_below_0", 4, "a radius of -1", -1.0)):
+        streams = float_streams(3, 0, 1)
+        streams[attribute - 1].v[0][1] = bits_of(value)
+        must_fail(name, "6.4", about, plain(body=Body(streams, 3)))
+    streams = float_streams(3, 0, 1)
+    for row in streams[6].v:
+        row[2] = 0
+    must_fail("quaternion_0", "6.4", "a quaternion of length 0", plain(body=Body(streams, 3)))
+    must_fail("importance_size", "5.11", "one importance too few",
+           plain(tail=record(b"IMPO", struct.pack("<2f", 1, 1), 0)))
+    must_fail("importance_below_0", "5.11", "an importance of -1",
+           plain(tail=record(b"IMPO", struct.pack("<3f", 1, 1, -1), 0)))
+
+
+def broken_rans():
+    def opacity(stored_group=None):
+        streams = float_streams(3, 0, 1)
+        streams[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
+        return own_body(streams, 3, group=stored_group)
+
+    good = opacity()
+    table = table_bytes(good.tables[0])
+    sound = group([bytes([0, 1, 2])], [good.tables[0]], 3)
+    words, state = struct.unpack_from("<II", sound)
+    must_fail("group_cut", "A.6", "the last word is missing", plain(body=opacity(sound[:-2])))
+    must_fail("group_without_sizes", "A.6", "three bytes", plain(body=opacity(sound[:3])))
+    must_fail("state_too_low", "A.4", "a state of 65535",
+           plain(body=opacity(struct.pack("<II", words, 65535) + sound[8:])))
+    must_fail("word_left", "A.5", "a word more than is read",
+           plain(body=opacity(struct.pack("<II", words + 1, state) + sound[8:] + b"\0\0")))
+    must_fail("last_state", "A.5", "a block that ends elsewhere",
+           plain(body=opacity(struct.pack("<II", words, state + 4096) + sound[8:])))
+    must_fail("table_sum", "A.2", "frequencies beyond 4096",
+           plain(body=Patched(good, table, bytes([2]) + b"\xff" * 6)))
+    must_fail("table_padding", "A.2", "a bit behind a table", plain(
+        body=Patched(good, table, with_byte(table, len(table) - 1, 128))))
+    streams = float_streams(3, 0, 1)
+    streams.append(Stream(0x8001, 0, 0, [[0, 0, 0]], 0, RANS, (8,)))
+    must_fail("optional_rans", "6.5", "an optional stream that is rANS",
+           plain(body=own_body(streams, 3)))
+    row = good.streams[7].row()
+    must_fail("table_not_there", "6.3", "table 1 of 1",
+              plain(body=Patched(good, row, row[:-2] + b"\1\0")))
+
+
+class Patched(Body):
+    """A body with some of its bytes replaced."""
+
+    def __init__(self, body, old, new):
+        super().__init__(**vars(body))
+        self.old, self.new = old, new
+
+    def payload(self, level, layer, slot):
+        return super().payload(level, layer, slot).replace(self.old, self.new, 1)
+
+
+for make in (sound_lossless, sound_coded, sound_container, broken_header, broken_head, broken_index,
+             broken_segment, broken_streams, broken_rans):
+    make()
+
+
+def write_all(folder):
+    os.makedirs(folder, exist_ok=True)
+    for v in VECTORS:
+        with open(os.path.join(folder, v.name + ".stgs"), "wb") as file:
+            file.write(v.data)
+
+
+def main():
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    if sys.argv[1] != "--update":
+        write_all(sys.argv[1])
+        return
+    sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
+    from container import Limits
+    from decode import describe
+    write_all(os.path.join(HERE, "vectors"))
+    entries = []
+    for v in VECTORS:
+        lines, refused = describe(v.data, Limits(**v.limits))
+        entry = {"name": v.name, "clause": v.clause, "about": v.about, "bytes": len(v.data),
+                 "file": f"{checksum(v.data):016x}"}
+        if v.limits:
+            entry["limits"] = v.limits
+        decoded = "".join(line + "\n" for line in lines if "refused" not in line)
+        entry["decoded"] = f"{checksum(decoded.encode()):016x}"
+        if v.fails:
+            entry["refused"] = [line.split("refused")[0].strip() or "file" for line in lines
+                                if "refused" in line]
+        if refused != ([v.clause] if v.fails else []):
+            print(f"{v.name}, {v.clause}: {lines}")
+        entries.append(entry)
+    with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
+        json.dump({"format": "0.4", "vectors": entries}, file, indent=1)
+        file.write("\n")
+    print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
+          f"{sum(len(v.data) for v in VECTORS)} bytes")
+
+
+if __name__ == "__main__":
+    main()

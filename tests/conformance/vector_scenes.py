@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small sets of primitives for make_vectors.py, as the streams of a record."""
+from vector_file import RANS, Body, COMPONENTS, Stream, bits_of, table_for
+
+
+class Lcg:
+    """The same numbers everywhere (Knuth's MMIX constants)."""
+
+    def __init__(self, seed):
+        self.state = seed
+
+    def below(self, count):
+        self.state = (self.state * 6364136223846793005 + 1442695040888963407) % (1 << 64)
+        return (self.state >> 33) % count
+
+
+def zigzag(q):
+    return 2 * q if q >= 0 else -2 * q - 1
+
+
+def zigzags(row):
+    return [zigzag(q) for q in row]
+
+
+def deltas(row):
+    return [zigzag(b - a) for a, b in zip([0] + row[:-1], row)]
+
+
+def float_streams(n, degree, seed, start=0.0, span=30.0, which="all"):
+    """Mapping 0. Each primitive is seen for 3 ticks around the middle of [start, start + span)."""
+    random = Lcg(seed)
+
+    def rows(components, values):
+        return [[bits_of(values(c)) for _ in range(n)] for c in range(components)]
+
+    def small(_):
+        return (random.below(512) - 256) / 256.0
+
+    make = {1: lambda c: 2 * small(c), 2: lambda c: start + span / 2 + small(c) / 4,
+            3: lambda c: 0.25 + random.below(64) / 256.0, 4: lambda c: random.below(64) / 256.0,
+            5: lambda c: small(c) / 16, 6: lambda c: -3 + small(c),
+            7: lambda c: small(c) + (2.0 if c == 0 else 0.0), 8: lambda c: 2 * small(c)}
+    attributes = range(1, 10 + degree)
+    attributes = [a for a in attributes if which == "all" or (a > 9) == (which == "rest")]
+    return [Stream(a, 0, 0, rows(COMPONENTS[a], make.get(a, small))) for a in attributes]
+
+
+def coded_streams(n, degree, seed, which="all", shaped=False, moment=True):
+    """Every mapping but 0 and every prediction, rANS."""
+    random = Lcg(seed)
+
+    def spread(most, components, low=0):
+        return [[low + random.below(most) for _ in range(n)] for _ in range(components)]
+
+    def coded(attribute, mapping, e, v, bits, prediction=0, origin=()):
+        return Stream(attribute, mapping, e, v, prediction, RANS, bits, origin)
+
+    out = [
+        coded(1, 1, -6, spread(3000, 1), (8, 4), 3, (-1.0, -2.0, 0.5)),
+        coded(2, 7, -3, [zigzags(r) for r in spread(9, 1, 16)], (6,), 1, (0.0,)) if moment else
+        coded(2, 1, -3, spread(9, 1), (4,), 0, (14.5,)),
+        coded(3, 2, 20, spread(8, 1), (3,), 0, (0.25, 0.0)),
+        coded(4, 2, 20, spread(12, 1), (4,), 0, (0.5, 0.5)),
+        coded(5, 3, -7, [zigzags(r) for r in spread(5, 3, -2)], (3,), 1),
+        coded(6, 1, -4, [deltas(r) for r in spread(20, 3, -10)], (3, 3), 2, (-3.0, -3.5, -4.0)),
+        coded(7, 6 if shaped else 4, -7, [zigzags(r) for r in spread(61, 3, -30)], (7,), 1),
+        coded(8, 1, -2, spread(16, 1), (4,), 0, (-1.0,)),
+        coded(9, 5, -5, [zigzags(r) for r in spread(31, 3, -15)], (5,), 1),
+    ]
+    for a in range(10, 10 + degree):
+        out.append(coded(a, 5, -6, [zigzags(r) for r in spread(3, COMPONENTS[a], -1)], (2,), 1))
+    return [s for s in out if which == "all" or (s.attribute > 9) == (which == "rest")]
+
+
+def give_tables(records, tables):
+    """A table for each rANS plane of records that share a layout, into `tables`."""
+    for streams in zip(*records):
+        if streams[0].coder != RANS:
+            continue
+        planes = [s.planes() for s in streams]
+        numbers = []
+        for same in zip(*planes):
+            f = table_for(same)
+            if f not in tables:
+                tables.append(f)
+            numbers.append(tables.index(f))
+        for s in streams:
+            s.tables = numbers
+
+
+def own_body(streams, n, **more):
+    """A record with its own layout and tables."""
+    tables = []
+    give_tables([streams], tables)
+    return Body(streams, n, tables=tables, **more)
