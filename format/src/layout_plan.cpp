@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kSymbolBits = 6.0;  // of a stored table, for each symbol that it has, about
 constexpr double kTableBits = 16.0;
+constexpr std::size_t kMostMixed = kMaxTables - 256;  // one is left for each only symbol
 
 double log_term(std::uint64_t count) {
   return count == 0 ? 0.0 : static_cast<double>(count) * std::log2(static_cast<double>(count));
@@ -87,8 +88,11 @@ TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
   out.table_of.resize(planes.size());
   for (const std::size_t p : order) {
     std::size_t best = clusters.size();
-    double least = clusters.size() < kMaxTables ? 0.0 : 1e300;
+    const bool pure = alone[p].used == 1;
+    double least = clusters.size() < (pure ? kMaxTables : kMostMixed) ? 0.0 : 1e300;
     for (std::size_t k = 0; k < clusters.size(); ++k) {
+      // Planes of one symbol need not be decoded, so they share a table with none but their like.
+      if ((clusters[k].used == 1) != pure) continue;
       const double more = clusters[k].cost_with(alone[p]) - clusters[k].cost() - alone[p].cost();
       if (more >= least) continue;
       least = more;

@@ -74,6 +74,9 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
       std::uint8_t* const first = out + b * kRansBlock;
       if (scalar_) {
         rans_decode_scalar(blocks_[b], lookup, 0, block_size(n_, b), first);
+      } else if (b + 1 < end && block_size(n_, b + 1) == kRansBlock) {
+        rans_decode_pair(blocks_[b], blocks_[b + 1], lookup, first);
+        ++b;
       } else {
         rans_decode_vector(blocks_[b], lookup, block_size(n_, b), first);
       }

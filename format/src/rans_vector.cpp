@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decodes a block's plane with the machine's vector unit: a step of 32 lanes in one vector or in
 // several, whose states stay in registers over the plane.
+#include <algorithm>
 #include <cstring>
 
 #include "rans_block.h"
@@ -93,45 +94,79 @@ void move_to_tail(RansBlock& block) {
   block.moved = true;
 }
 
-// Decodes whole steps until fewer symbols are left than the vectors of one store; returns how many
-// it has decoded. A store's bytes past a step's last lane are the next step's to overwrite.
-template <bool kWhole>
-HWY_INLINE std::size_t decode_steps(RansBlock& block, const RansLookup& lookup, std::size_t count,
-                                    std::uint8_t* out) {
+// Decodes whole steps of blocks that are alike in length until fewer symbols are left than the
+// vectors of one store; returns how many it has decoded. A store's bytes past a step's last lane
+// are the next step's to overwrite.
+template <bool kWhole, std::size_t kBlocks>
+HWY_INLINE std::size_t decode_steps(RansBlock* const (&blocks)[kBlocks], const RansLookup& lookup,
+                                    std::size_t count, std::uint8_t* const (&out)[kBlocks]) {
   const States d;
-  const std::size_t lanes = kWhole ? kRansLanes : block.lanes;
+  const std::size_t lanes = kWhole ? kRansLanes : blocks[0]->lanes;
   const std::size_t vectors = kWhole ? kVectors : (lanes + kVectorLanes - 1) / kVectorLanes;
-  StateVec x[kVectors];
-  for (std::size_t v = 0; v < kVectors; ++v) x[v] = hn::LoadU(d, block.state + v * kVectorLanes);
+  StateVec x[kBlocks][kVectors];
+  const std::uint8_t* next[kBlocks];
+  // The last place for a step to begin at: with 64 bytes to load, or no words that were missing.
+  const std::uint8_t* last[kBlocks];
+  for (std::size_t k = 0; k < kBlocks; ++k) {
+    for (std::size_t v = 0; v < kVectors; ++v)
+      x[k][v] = hn::LoadU(d, blocks[k]->state + v * kVectorLanes);
+  }
+  const auto in_reach = [&] {
+    bool all = true;
+    for (std::size_t k = 0; k < kBlocks; ++k) all = all && next[k] <= last[k];
+    return all;
+  };
   std::size_t i = 0;
   while (i + vectors * kVectorLanes <= count) {
-    if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
-      move_to_tail(block);
-    const std::uint8_t* next = block.next;
-    // The last place for a step to begin at: with 64 bytes to load, or no words that were missing.
-    const std::uint8_t* const last = block.moved ? block.end : block.end - kStepBytes;
-    for (; i + vectors * kVectorLanes <= count && next <= last; i += lanes) {
+    for (std::size_t k = 0; k < kBlocks; ++k) {
+      RansBlock& block = *blocks[k];
+      if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
+        move_to_tail(block);
+      next[k] = block.next;
+      last[k] = block.moved ? block.end : block.end - kStepBytes;
+    }
+    for (; i + vectors * kVectorLanes <= count && in_reach(); i += lanes) {
       for (std::size_t v = 0; v < vectors; ++v) {
-        next = step<kWhole>(x[v], lanes - v * kVectorLanes, lookup.data(), next,
-                            out + i + v * kVectorLanes);
+        for (std::size_t k = 0; k < kBlocks; ++k) {
+          next[k] = step<kWhole>(x[k][v], lanes - v * kVectorLanes, lookup.data(), next[k],
+                                 out[k] + i + v * kVectorLanes);
+        }
       }
     }
-    block.next = next;
-    if (next > block.end) {  // what was taken past the end was 0
-      block.overrun = true;
-      block.next = block.end;
+    for (std::size_t k = 0; k < kBlocks; ++k) {
+      RansBlock& block = *blocks[k];
+      block.overrun = block.overrun || next[k] > block.end;  // what was taken past the end was 0
+      block.next = std::min(next[k], block.end);
     }
   }
-  for (std::size_t v = 0; v < kVectors; ++v) hn::StoreU(x[v], d, block.state + v * kVectorLanes);
+  for (std::size_t k = 0; k < kBlocks; ++k) {
+    for (std::size_t v = 0; v < kVectors; ++v)
+      hn::StoreU(x[k][v], d, blocks[k]->state + v * kVectorLanes);
+  }
   return i;
 }
 
 void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
                   std::uint8_t* out) {
+  RansBlock* const blocks[1] = {&block};
+  std::uint8_t* const outs[1] = {out};
   const std::size_t done = block.lanes == kRansLanes
-                               ? decode_steps<true>(block, lookup, count, out)
-                               : decode_steps<false>(block, lookup, count, out);
+                               ? decode_steps<true>(blocks, lookup, count, outs)
+                               : decode_steps<false>(blocks, lookup, count, outs);
   rans_decode_scalar(block, lookup, done, count, out);
+}
+
+// Two whole blocks one beside the other: while a step of one waits for its symbols, the other's
+// runs.
+void decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup, std::uint8_t* out) {
+  if constexpr (kVectors <= 4) {  // their states fit the registers
+    RansBlock* const blocks[2] = {&first, &second};
+    std::uint8_t* const outs[2] = {out, out + kRansBlock};
+    decode_steps<true>(blocks, lookup, kRansBlock, outs);
+  } else {
+    decode_plane(first, lookup, kRansBlock, out);
+    decode_plane(second, lookup, kRansBlock, out + kRansBlock);
+  }
 }
 
 const char* vector_name() {
@@ -146,11 +181,17 @@ HWY_AFTER_NAMESPACE();
 namespace stgs {
 
 HWY_EXPORT(decode_plane);
+HWY_EXPORT(decode_pair);
 HWY_EXPORT(vector_name);
 
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
                         std::uint8_t* out) {
   HWY_DYNAMIC_DISPATCH(decode_plane)(block, lookup, count, out);
+}
+
+void rans_decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup,
+                      std::uint8_t* out) {
+  HWY_DYNAMIC_DISPATCH(decode_pair)(first, second, lookup, out);
 }
 
 const char* rans_vector_target() {

@@ -95,8 +95,8 @@ struct MapResult {
   std::vector<bool> in_range;  // by task: no integer of it is too large
   bool drawable = true;        // every primitive is one that can be drawn (values.h)
 };
-// From planes to floats in `set`, whose arrays have their size. Velocity needs sigma and radius,
-// rotation the log-scales: these must come before.
+// From planes to floats in `set`, whose arrays have their size and are 0. Velocity needs sigma and
+// radius, rotation the log-scales: these must come before.
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       Gaussians4D& set);
 

@@ -197,6 +197,12 @@ bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbe
   return good;
 }
 
+// Whether all values of these planes are 0.
+HWY_INLINE bool all_zero(const Plane* planes, std::size_t count) {
+  return std::all_of(planes, planes + count,
+                     [](const Plane& p) { return p.symbols == nullptr && p.only == 0; });
+}
+
 // Primitives [begin, end) of a stream of floats or integers; `carry` is the sum of those before,
 // and after it of these too.
 bool map_values(const StreamTask& task, const SegmentContext& context, std::size_t begin,
@@ -219,6 +225,11 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
     if (mapping == Mapping::kDisplacement)
       displacement_steps(row, set, context.part_ticks, first, count, steps);
     for (std::size_t c = 0; c < row.components; ++c) {
+      if (c % 3 == 0 && mapping == Mapping::kColour &&
+          all_zero(task.planes + c * row.digits, std::size_t{3} * row.digits)) {
+        c += 2;  // as the set is
+        continue;
+      }
       Numbers& block = q[together ? c % 3 : 0];
       load(row, task.planes + c * row.digits, first, count, block);
       undo_prediction(prediction, carry[c], block);

@@ -275,6 +275,19 @@ TEST_CASE("a layout's fields are checked one by one") {
   REQUIRE(get<std::uint16_t>(coded, tables_at + kRecord) > 0);
   CHECK(first_issue(coded, tables_at, 0, std::uint16_t{1025}) == 409);
   CHECK(first_issue(coded, tables_at, 2, std::uint64_t{0}) == 409);  // no table
+  // Steps of time so fine that the beginning of a segment is no integer that fits.
+  const Bytes time_row = {0x02, 0x00, 0x01, 0x07};
+  const auto rows = coded.begin() + static_cast<std::ptrdiff_t>(tables_at + kRecord);
+  const auto end = coded.begin() + static_cast<std::ptrdiff_t>(index_at(coded));
+  bool found = false;
+  for (auto hit = rows; (hit = std::search(hit, end, time_row.begin(), time_row.end())) != end;) {
+    Bytes fine = coded;
+    put<std::int8_t>(fine, static_cast<std::size_t>(hit - coded.begin()) + 6, -60);
+    seal_record(fine, tables_at);
+    found |= numbers_of(issues_of(fine)) == std::set<int>{407};
+    ++hit;
+  }
+  CHECK(found);
   Bytes bytes = coded;
   const auto length = get<std::uint64_t>(bytes, tables_at + 8);
   put<std::uint16_t>(bytes, tables_at + kRecord + length - 2, 1023);  // the last plane's table
