@@ -26,6 +26,15 @@ class FileSource final : public ByteSource {
   std::uint64_t size() const override { return size_; }
   const std::string& name() const override { return name_; }
 
+  Status refresh() override {
+    struct stat info {};
+    if (::fstat(fd_, &info) != 0) {
+      return io_error("{}: cannot look at: {}", name_, system_message(errno));
+    }
+    size_ = static_cast<std::uint64_t>(info.st_size);
+    return {};
+  }
+
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     if (offset > size_ || out.size() > size_ - offset) {
       return past_the_end(name_, offset, out.size(), size_);

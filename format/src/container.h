@@ -23,6 +23,8 @@ inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.2
 // stores 128 KiB of one value in 4 bytes.
 inline constexpr std::uint64_t kMaxExpansion = 32768;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
+inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.4
+inline constexpr std::uint32_t kFragmentClosed = 1;            // fragment flag, spec 5.12
 
 constexpr std::uint32_t tag_of(const char (&text)[5]) {
   std::uint32_t tag = 0;
@@ -35,6 +37,7 @@ inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
 inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
 inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
+inline constexpr std::uint32_t kFragmentTag = tag_of("FRAG");
 
 // XXH3-64, seed 0 (spec 1.5).
 std::uint64_t checksum(std::span<const std::uint8_t> bytes);
@@ -155,6 +158,10 @@ struct FileHead {
   LayoutSet layouts;
   std::vector<PartEntry> parts;
   FileIndex index;
+  bool closed = true;             // nothing more will be appended
+  std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
+
+  bool growing() const { return (header.flags & kGrowing) != 0; }
 };
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
                   SceneMetadata& metadata, Findings& findings);
@@ -162,10 +169,25 @@ bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
 struct RecordArea {
   std::uint64_t begin = 0, end = 0;
 };
-// Adds to head.parts and head.index; header and metadata are there.
+// Adds to head.parts and head.index; header and metadata are there. check_index comes after the
+// last.
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const RecordArea& area, const ReadLimits& limits, FileHead& head,
+                 const RecordArea& area, FileHead& head, Findings& findings);
+void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& limits,
                  Findings& findings);
+// What a FRAG record tells beside its part of the index (spec 5.12).
+struct FragmentHeader {
+  std::uint32_t frames = 0, flags = 0;
+  float bounds_min[3] = {0, 0, 0}, bounds_max[3] = {0, 0, 0};
+  std::uint64_t previous = 0;  // offset of the record before what this one lists; 0: there is none
+};
+// A FRAG record; `index` is what write_index() gives.
+std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
+                                         std::span<const std::uint8_t> index);
+// The index of a growing file whose head is read, as far as it is complete; header.file_bytes is
+// then where that ends.
+bool read_fragments(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+                    Findings& findings);
 // That the window lies in its capture (spec 4.5).
 void check_window(const SceneMetadata& metadata, Findings& findings);
 // The moments at which a segment's primitives are drawn: its interval within its part's.

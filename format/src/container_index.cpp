@@ -13,6 +13,7 @@ namespace {
 using N = IssueNumber;
 
 constexpr int kMaxLevel = 30;
+constexpr std::uint64_t kMaxTotals = 1024;      // spec 5.2
 constexpr std::uint64_t kApart = 1, kMore = 2;  // bits of a segment's shape, spec 5.3
 
 bool persistent(const IndexEntry& entry) {
@@ -65,24 +66,28 @@ class IndexReader {
 
   bool read() {
     FileIndex& index = head_.index;
-    index.chunk_ticks = in_.f64();
-    index.primitives += in_.varint();
+    const double chunk = in_.f64();
+    const std::uint64_t stated = in_.varint();
     const std::uint64_t attributes = in_.varint();
-    if (attributes > in_.left() / 2) return cut_off();
-    index.attributes.resize(attributes);
-    for (AttributeBytes& row : index.attributes) {
-      const std::uint64_t attribute = in_.varint();
-      if (attribute > std::numeric_limits<std::uint16_t>::max()) return cut_off();
-      row = {static_cast<std::uint16_t>(attribute), in_.varint()};
-    }
+    if (!in_.ok() || attributes > kMaxTotals || !read_totals(attributes)) return cut_off();
     const std::uint64_t parts = in_.varint();
     if (!in_.ok()) return cut_off();
-    if (!(index.chunk_ticks > 0.0) || !std::isfinite(index.chunk_ticks)) {
-      findings_.error(N::kChunk, offset_, "index: a chunk of {} ticks", index.chunk_ticks);
+    if (!(chunk > 0.0) || !std::isfinite(chunk) ||
+        (!head_.parts.empty() && chunk != index.chunk_ticks)) {
+      findings_.error(N::kChunk, offset_, "index: a chunk of {} ticks", chunk);
       return false;
     }
+    index.chunk_ticks = chunk;
+    const std::size_t first = ordinal();
     for (std::uint64_t p = 0; p < parts; ++p) {
       if (!read_part()) return false;
+    }
+    std::uint64_t total = 0;
+    for (std::size_t i = first; i < ordinal(); ++i) total += index.segments[i].base.primitives;
+    index.primitives += total;
+    if (total != stated) {
+      findings_.error(N::kPrimitiveTotal, offset_,
+                      "index: the segments hold {} primitives, the total says {}", total, stated);
     }
     return true;
   }
@@ -94,6 +99,24 @@ class IndexReader {
     findings_.error(N::kIndexLayout, here(),
                     "index: cut off, or with a number of more bytes than it needs");
     return false;
+  }
+
+  // Adds to the totals that there are: the fragments of an index tell each its own.
+  bool read_totals(std::uint64_t count) {
+    std::vector<AttributeBytes>& rows = head_.index.attributes;
+    for (std::uint64_t i = 0; i < count; ++i) {
+      const std::uint64_t attribute = in_.varint(), bytes = in_.varint();
+      if (!in_.ok() || attribute > std::numeric_limits<std::uint16_t>::max()) return false;
+      const auto row = std::find_if(rows.begin(), rows.end(), [attribute](const auto& r) {
+        return r.attribute == attribute;
+      });
+      if (row != rows.end()) {
+        row->bytes += bytes;
+      } else {
+        rows.push_back({static_cast<std::uint16_t>(attribute), bytes});
+      }
+    }
+    return true;
   }
 
   bool read_part() {  // spec 5.3
@@ -226,32 +249,6 @@ class IndexReader {
   Findings& findings_;
 };
 
-void check_limits(const FileHead& head, std::uint64_t offset, const ReadLimits& limits,
-                  Findings& findings) {
-  const FileIndex& index = head.index;
-  std::uint64_t total = 0;
-  const std::uint64_t bytes = 4 * floats_per_primitive(head.metadata.sh_degree);
-  for (std::size_t i = 0; i < index.segments.size(); ++i) {
-    const IndexEntry& entry = index.segments[i].base;
-    total += entry.primitives;
-    if (entry.primitives > limits.max_memory / bytes) {
-      findings.unsupported(N::kMemoryLimit, offset,
-                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
-                           i, entry.primitives * bytes, limits.max_memory);
-    }
-  }
-  if (total != index.primitives) {
-    findings.error(N::kPrimitiveTotal, offset,
-                   "index: the segments hold {} primitives, the total says {}", total,
-                   index.primitives);
-  }
-  if (total > limits.max_primitives) {
-    findings.unsupported(N::kPrimitiveLimit, offset,
-                         "index: {} primitives, more than the limit of {}", total,
-                         limits.max_primitives);
-  }
-}
-
 // The tiers of the segment that begins at `first`: one past the last.
 std::size_t end_of_run(std::span<const SegmentEntry> segments, std::size_t first) {
   const auto place = [&](std::size_t i) {
@@ -295,11 +292,27 @@ Interval interval_of(const FileHead& head, const SegmentEntry& segment) {
 }
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const RecordArea& area, const ReadLimits& limits, FileHead& head,
+                 const RecordArea& area, FileHead& head, Findings& findings) {
+  return IndexReader(payload, offset, area, head, findings).read();
+}
+
+void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& limits,
                  Findings& findings) {
-  if (!IndexReader(payload, offset, area, head, findings).read()) return false;
-  check_limits(head, offset, limits, findings);
-  return true;
+  const FileIndex& index = head.index;
+  const std::uint64_t bytes = 4 * floats_per_primitive(head.metadata.sh_degree);
+  for (std::size_t i = 0; i < index.segments.size(); ++i) {
+    const IndexEntry& entry = index.segments[i].base;
+    if (entry.primitives > limits.max_memory / bytes) {
+      findings.unsupported(N::kMemoryLimit, offset,
+                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
+                           i, entry.primitives * bytes, limits.max_memory);
+    }
+  }
+  if (index.primitives > limits.max_primitives) {
+    findings.unsupported(N::kPrimitiveLimit, offset,
+                         "index: {} primitives, more than the limit of {}", index.primitives,
+                         limits.max_primitives);
+  }
 }
 
 std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts) {

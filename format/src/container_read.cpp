@@ -49,7 +49,9 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   }
   if (have.count(kMetadataTag) == 0) return false;
   const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
-  return parse_index(payload, payload_at, body, limits, out, findings);
+  if (!parse_index(payload, payload_at, body, out, findings)) return false;
+  check_index(out, payload_at, limits, findings);
+  return true;
 }
 
 // Finds META, LAYT, INDX and WNDW among the records of the head.
@@ -62,8 +64,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
-    const bool known =
-        record.tag == kMetadataTag || record.tag == kIndexTag || record.tag == kLayoutTag;
+    const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
+                       (record.tag == kIndexTag && !out.growing());
     const bool window = record.tag == kWindowTag && record.flags == 0;
     if (!window && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
@@ -74,14 +76,13 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     if (!read_record(record.tag, payload, payload_at, limits, have, out, findings)) continue;
     have.insert(record.tag);
   }
-  if (have.count(kMetadataTag) == 0 || have.count(kIndexTag) == 0) {
+  if (have.count(kMetadataTag) == 0 || (have.count(kIndexTag) == 0 && !out.growing())) {
     if (findings.ok()) {
       findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
                      have.count(kMetadataTag) != 0 ? "INDX" : "META");
     }
     return false;
   }
-  check_window(out.metadata.scene, findings);
   return true;
 }
 
@@ -99,6 +100,23 @@ std::string tag_text(std::uint32_t tag) {
 std::uint64_t floats_per_primitive(int sh_degree) {
   return 17 + 3 * static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
 }
+
+namespace {
+
+// A growing file does not know its size: it is as long as it is (spec 2.6).
+bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, Findings& findings) {
+  if (header.file_bytes != 0 || header.head_bytes < kHeaderBytes) {
+    findings.error(N::kHeadSize, 16, "a growing file states {} bytes and a head of {}",
+                   header.file_bytes, header.head_bytes);
+    return false;
+  }
+  if (header.head_bytes <= source_bytes) return true;
+  findings.error(N::kFileSize, 24, "the file is truncated: {} bytes, of which the head has {}",
+                 source_bytes, header.head_bytes);
+  return false;
+}
+
+}  // namespace
 
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
                   FileHeader& header, Findings& findings) {
@@ -136,11 +154,12 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                          header.major, header.minor, kFormatMajor);
     return false;
   }
-  if ((header.flags & kCriticalHeaderFlags) != 0) {
+  if ((header.flags & kCriticalHeaderFlags & ~kGrowing) != 0) {
     findings.unsupported(N::kHeaderFlags, 12, "header flags {:#x} are unknown to this version",
                          header.flags & kCriticalHeaderFlags);
     return false;
   }
+  if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
   if (header.file_bytes != source_bytes) {
     findings.error(N::kFileSize, 16, "{}: {} bytes instead of {}; copy or fetch it again",
                    source_bytes < header.file_bytes ? "the file is truncated"
@@ -313,7 +332,14 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& hea
     findings.failed_read(0, status);
     return false;
   }
-  return walk_head(bytes, limits, head, findings);
+  if (!walk_head(bytes, limits, head, findings)) return false;
+  head.index_bytes = head.header.head_bytes;
+  if (head.growing()) {
+    head.closed = false;
+    if (!read_fragments(source, limits, head, findings)) return false;
+  }
+  check_window(head.metadata.scene, findings);
+  return true;
 }
 
 }  // namespace stgs

@@ -49,6 +49,8 @@ enum class IssueNumber : int {
   kUnlistedRecord = 310,      // warning: a segment record that the index does not list
   kParts = 311,               // a part outside the timeline
   kImportance = 312,          // IMPO of another size, or with a value that is none
+  kFragment = 313,            // a fragment of a growing file's index that cannot be used
+  kIncompleteTail = 314,      // warning: bytes after the last complete fragment
   kSegmentMismatch = 400,     // the record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // an attribute missing, twice or out of order

@@ -30,6 +30,17 @@ bool is_stale(const std::string& name, const std::string& before, const std::str
   return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
 }
 
+Status write_all(int fd, std::span<const std::uint8_t> bytes, const std::string& path) {
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t wrote = ::write(fd, bytes.data() + done, bytes.size() - done);
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote < 0) return io_error("{}: cannot write: {}", path, system_message(errno));
+    done += static_cast<std::size_t>(wrote);
+  }
+  return {};
+}
+
 }  // namespace
 
 std::string temporary_name(const std::string& path) {
@@ -93,14 +104,7 @@ void OutputFile::borrow(int descriptor, const std::string& name) {
 }
 
 Status OutputFile::write(std::span<const std::uint8_t> bytes) {
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t wrote = ::write(fd_, bytes.data() + done, bytes.size() - done);
-    if (wrote < 0 && errno == EINTR) continue;
-    if (wrote < 0) return io_error("{}: cannot write: {}", path_, system_message(errno));
-    done += static_cast<std::size_t>(wrote);
-  }
-  return {};
+  return write_all(fd_, bytes, path_);
 }
 
 Status OutputFile::close() {
@@ -129,6 +133,36 @@ Status write_file_atomically(const std::string& path, std::span<const std::uint8
   STGS_TRY(file.open(path));
   STGS_TRY(file.write(bytes));
   return file.commit();
+}
+
+AppendedFile::~AppendedFile() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+Status AppendedFile::create(const std::string& path) {
+  path_ = path;
+  fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+  if (fd_ < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
+  return {};
+}
+
+Status AppendedFile::append(std::span<const std::uint8_t> bytes, bool sync) {
+  Status status = write_all(fd_, bytes, path_);
+  if (status.ok() && sync && ::fdatasync(fd_) != 0) {
+    status = io_error("{}: cannot write: {}", path_, system_message(errno));
+  }
+  if (!status.ok()) {
+    // A reader passes over what cannot be cut off.
+    [[maybe_unused]] const int cut = ::ftruncate(fd_, static_cast<off_t>(bytes_));
+    return status;
+  }
+  bytes_ += bytes.size();
+  return {};
+}
+
+Status AppendedFile::close() {
+  if (fd_ < 0 || ::close(std::exchange(fd_, -1)) == 0) return {};
+  return io_error("{}: cannot write: {}", path_, system_message(errno));
 }
 
 }  // namespace stgs

@@ -34,8 +34,9 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
 
 class Reader final : public SceneReader {
  public:
-  Reader(std::unique_ptr<ByteSource> source, FileHead head)
+  Reader(std::unique_ptr<ByteSource> source, FileHead head, const ReadLimits& limits)
       : source_(std::move(source)),
+        limits_(limits),
         head_(std::move(head)),
         segments_(segments_from(head_)),
         parts_(parts_from(head_)) {}
@@ -47,7 +48,37 @@ class Reader final : public SceneReader {
   int sh_degree() const override { return head_.metadata.sh_degree; }
   std::uint64_t primitives() const override { return head_.index.primitives; }
   std::uint64_t file_bytes() const override { return head_.header.file_bytes; }
-  std::uint64_t head_bytes() const override { return head_.header.head_bytes; }
+  std::uint64_t head_bytes() const override { return head_.index_bytes; }
+  SceneForm form() const override {
+    if (!head_.growing()) return SceneForm::kFinished;
+    return head_.closed ? SceneForm::kRecorded : SceneForm::kGrowing;
+  }
+  std::uint64_t incomplete_bytes() const override {
+    return head_.growing() ? source_->size() - head_.header.file_bytes : 0;
+  }
+
+  Result<bool> refresh() override {
+    if (head_.closed) return false;
+    try {
+      STGS_TRY(source_->refresh());
+      Findings findings;
+      FileHead head;
+      read_head(*source_, limits_, head, findings);
+      if (!findings.ok()) return findings.status(source_->name());
+      if (head.header.file_bytes < head_.header.file_bytes) {
+        return invalid_file("{}: has become shorter, from {} to {} complete bytes", source_->name(),
+                            head_.header.file_bytes, head.header.file_bytes);
+      }
+      const bool grown = head.header.file_bytes > head_.header.file_bytes;
+      head_ = std::move(head);
+      segments_ = segments_from(head_);
+      parts_ = parts_from(head_);
+      return grown;
+    } catch (const std::exception& e) {
+      return runtime_error("{}: {}", source_->name(), e.what());
+    }
+  }
+
   double chunk_ticks() const override { return head_.index.chunk_ticks; }
   const std::vector<SegmentInfo>& segments() const override { return segments_; }
   const std::vector<ScenePart>& parts() const override { return parts_; }
@@ -145,6 +176,7 @@ class Reader final : public SceneReader {
   }
 
   std::unique_ptr<ByteSource> source_;
+  ReadLimits limits_;
   FileHead head_;
   std::vector<SegmentInfo> segments_;
   std::vector<ScenePart> parts_;
@@ -202,7 +234,7 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSourc
     read_head(*source, limits, head, findings);
     if (!findings.ok()) return findings.status(source->name());
     return std::unique_ptr<SceneReader>(
-        std::make_unique<Reader>(std::move(source), std::move(head)));
+        std::make_unique<Reader>(std::move(source), std::move(head), limits));
   } catch (const std::exception& e) {
     return runtime_error("cannot open the file: {}", e.what());
   }

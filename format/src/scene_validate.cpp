@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <limits>
 
 #include "segment.h"
 #include "segmenter.h"
@@ -51,7 +52,9 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     }
     RecordHeader record;
     if (!parse_record_header(bytes, at, end, record, findings)) return;
-    const bool segment = check_flags(record, record.tag == kSegmentTag, at, findings);
+    const bool fragment = head.growing() && record.tag == kFragmentTag;
+    const bool segment =
+        check_flags(record, record.tag == kSegmentTag || fragment, at, findings) && !fragment;
     bytes.resize(record.length);
     if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
@@ -68,6 +71,32 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
   }
 }
 
+// What follows the last complete fragment of a growing file: records that are whole, and one that
+// is being written or was cut off.
+void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings) {
+  const std::uint64_t size = source.size();
+  if (from >= size) return;
+  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment",
+                   size - from);
+  for (std::uint64_t at = from; size - at >= kRecordHeaderBytes;) {
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    RecordHeader record;
+    const std::uint64_t no_end = std::numeric_limits<std::uint64_t>::max();
+    if (!parse_record_header(bytes, at, no_end, record, findings)) return;
+    at += kRecordHeaderBytes;
+    if (record.length > size - at) return;
+    bytes.resize(record.length);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    check_payload(record, bytes, at, findings);
+    at += record.length;
+  }
+}
+
 // What no record of the index covers, and the index's records in between.
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
@@ -77,6 +106,7 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   }
   // A file that is longer or shorter than it says has been reported.
   walk_unlisted(source, head, at, std::min(head.header.file_bytes, source.size()), findings);
+  if (head.growing() && !head.closed) walk_tail(source, head.header.file_bytes, findings);
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {

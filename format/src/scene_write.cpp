@@ -4,8 +4,8 @@
 #include <cmath>
 #include <exception>
 
-#include "body_write.h"
 #include "bytes.h"
+#include "scene_write.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs {
@@ -151,29 +151,17 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
 }
 
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
-  std::vector<std::uint8_t> head;
-  const auto add = [&head](std::uint32_t tag, const std::vector<std::uint8_t>& payload,
-                           std::uint32_t flags) {
-    const std::vector<std::uint8_t> record = write_record(tag, payload, flags);
-    head.insert(head.end(), record.begin(), record.end());
-  };
-  add(kMetadataTag, write_metadata(metadata), kCritical);
-  ByteWriter layouts;
-  write_layouts(body.layouts, layouts);
-  add(kLayoutTag, layouts.take(), kCritical);
-  if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
-  add(kIndexTag, write_index(body.index, body.parts), kCritical);
   FileHeader header;
-  header.head_bytes = kHeaderBytes + head.size();
-  header.file_bytes = header.head_bytes;
-  for (IndexEntry* record : records_of(body.index.segments)) {
-    record->offset = header.file_bytes;
-    header.file_bytes += record->bytes;
+  const std::vector<IndexEntry*> records = records_of(body.index.segments);
+  std::uint64_t body_bytes = body.importance.size();
+  for (const IndexEntry* record : records) body_bytes += record->bytes;
+  std::vector<std::uint8_t> out = write_finished_head(
+      metadata, body.layouts, write_index(body.index, body.parts), body_bytes, header);
+  std::uint64_t at = header.head_bytes;
+  for (IndexEntry* record : records) {
+    record->offset = at;
+    at += record->bytes;
   }
-  const std::uint64_t segments_end = header.file_bytes;
-  header.file_bytes += body.importance.size();
-  std::vector<std::uint8_t> out = write_header(header);
-  out.insert(out.end(), head.begin(), head.end());
   out.resize(header.file_bytes);
   const auto place_at = [&out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
     std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
@@ -182,55 +170,98 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
     place_at(body.bases[s], body.index.segments[s].base.offset);
     place_at(body.harmonics[s], body.index.segments[s].harmonics.offset);
   }
-  place_at(body.importance, segments_end);
+  place_at(body.importance, at);
   return out;
 }
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
-                                               std::vector<std::uint32_t>* order) {
+Status check_scene(const Scene& scene, const WriteSettings& settings) {
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene));
   STGS_TRY(check_values(scene));
-  STGS_TRY(check_parts(scene));
+  return check_parts(scene);
+}
+
+Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
+                                    double chunk_ticks) {
+  EncodedScene out;
+  out.metadata = {scene.metadata, settings.profile, scene.gaussians.sh_degree};
+  const std::vector<PartRange> parts = ranges_of(scene);
+  std::optional<Quantiser> quantiser;
+  std::vector<float> importance;
+  Gaussians4D snapped;
+  Encoding encoding;
+  encoding.set = &scene.gaussians;
+  encoding.frames = scene.metadata.frames;
+  encoding.zstd_level = settings.zstd_level;
+  encoding.own_layouts = settings.own_layouts;
+  if (settings.profile == Profile::kQuantised) {
+    importance = scene.importance.empty()
+                     ? importance_by_size(scene.gaussians, scene.metadata.frames)
+                     : scene.importance;
+    quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality);
+    // Segments follow from what a decoder will see.
+    snapped = quantiser->snap_lifespans(scene.gaussians, parts);
+    encoding.set = &snapped;
+    encoding.importance = importance;
+    encoding.quantiser = &*quantiser;
+    encoding.tiers = settings.tiers;
+    encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
+  }
+  encoding.chunk_ticks =
+      chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts, scene.metadata.frames);
+  set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, out.metadata.scene);
+  STGS_TRY(check_metadata(out.metadata));
+  out.body = encode_body(encoding, parts);
+  return out;
+}
+
+std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
+                                             const LayoutSet& layouts) {
+  std::vector<std::uint8_t> out = write_record(kMetadataTag, write_metadata(metadata));
+  const auto add = [&out](std::uint32_t tag, std::span<const std::uint8_t> payload,
+                          std::uint32_t flags) {
+    const std::vector<std::uint8_t> record = write_record(tag, payload, flags);
+    out.insert(out.end(), record.begin(), record.end());
+  };
+  if (!layouts.layouts.empty()) {
+    ByteWriter payload;
+    write_layouts(layouts, payload);
+    add(kLayoutTag, payload.view(), kCritical);
+  }
+  if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
+  return out;
+}
+
+std::vector<std::uint8_t> write_finished_head(const FileMetadata& metadata,
+                                              const LayoutSet& layouts,
+                                              std::span<const std::uint8_t> index,
+                                              std::uint64_t body_bytes, FileHeader& header) {
+  std::vector<std::uint8_t> records = write_head_records(metadata, layouts);
+  const std::vector<std::uint8_t> last = write_record(kIndexTag, index);
+  records.insert(records.end(), last.begin(), last.end());
+  header.head_bytes = kHeaderBytes + records.size();
+  header.file_bytes = header.head_bytes + body_bytes;
+  std::vector<std::uint8_t> out = write_header(header);
+  out.insert(out.end(), records.begin(), records.end());
+  return out;
+}
+
+Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
+                                               std::vector<std::uint32_t>* order) {
+  STGS_TRY(check_scene(scene, settings));
   try {
-    FileMetadata metadata{scene.metadata, settings.profile, scene.gaussians.sh_degree};
-    const std::vector<PartRange> parts = ranges_of(scene);
-    std::optional<Quantiser> quantiser;
-    std::vector<float> importance;
-    Gaussians4D snapped;
-    Encoding encoding;
-    encoding.set = &scene.gaussians;
-    encoding.frames = scene.metadata.frames;
-    encoding.zstd_level = settings.zstd_level;
-    encoding.own_layouts = settings.own_layouts;
-    if (settings.profile == Profile::kQuantised) {
-      importance = scene.importance.empty()
-                       ? importance_by_size(scene.gaussians, scene.metadata.frames)
-                       : scene.importance;
-      quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality);
-      // Segments follow from what a decoder will see.
-      snapped = quantiser->snap_lifespans(scene.gaussians, parts);
-      encoding.set = &snapped;
-      encoding.importance = importance;
-      encoding.quantiser = &*quantiser;
-      encoding.tiers = settings.tiers;
-      encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
-    }
-    encoding.chunk_ticks = settings.chunk_seconds > 0
-                               ? scene.metadata.time_base.ticks(settings.chunk_seconds)
-                               : choose_chunk(*encoding.set, parts, scene.metadata.frames);
-    set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, metadata.scene);
-    STGS_TRY(check_metadata(metadata));
-    Body body = encode_body(encoding, parts);
+    const double chunk = scene.metadata.time_base.ticks(settings.chunk_seconds);
+    STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk));
+    Body& body = encoded.body;
     // For whoever packs it; what is packed needs it no more.
-    if (!quantiser && !scene.importance.empty()) {
+    if (settings.profile == Profile::kLossless && !scene.importance.empty()) {
       body.importance =
           write_record(kImportanceTag, write_importance(scene.importance, body.order), 0);
     }
     if (order != nullptr) *order = std::move(body.order);
-    return assemble(metadata, body);
+    return assemble(encoded.metadata, body);
   } catch (const std::exception& e) {
     return runtime_error("cannot encode {} primitives: {}", scene.gaussians.size(), e.what());
   }

@@ -2,6 +2,7 @@
 """Clauses 2 to 5: header, records, META, WNDW, the index."""
 import math
 from dataclasses import dataclass, field
+from operator import le
 
 import layouts
 from fields import Fields, Refused, checksum, need
@@ -43,6 +44,9 @@ class File:
     layouts: object = field(default_factory=layouts.Layouts)
     tiers: list = field(default_factory=list)
     body_at: int = 0         # behind the last record that the index tells
+    end: int = 0             # of what is complete
+    growing: bool = False
+    chunk: float = None
 
 
 def read_header(data):
@@ -54,10 +58,12 @@ def read_header(data):
     need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
     need(major == 0, "2.5", f"major version {major}", unsupported=True)
     need(minor >= 4, "2.5", f"minor version {minor}", unsupported=True)
-    need(flags & 0xFFFF == 0, "2.4", f"flags {flags:#x}", unsupported=True)
-    need(file_bytes == len(data), "2.6", f"{len(data)} bytes, not {file_bytes}")
-    need(HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
-    return head_bytes
+    need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
+    growing = flags & 1 == 1
+    need(file_bytes == (0 if growing else len(data)), "2.6", f"{len(data)} bytes, not {file_bytes}")
+    need(head_bytes <= len(data) or not growing, "2.6", "a growing file shorter than its head")
+    need(HEADER <= head_bytes <= len(data), "2.3", f"a head of {head_bytes} bytes")
+    return head_bytes, growing
 
 
 def record_at(data, at, end):
@@ -87,7 +93,8 @@ def read_head(file, limits):
     while at < file.head_bytes:
         tag, flags, payload, payload_sum = record_at(file.data, at, file.head_bytes)
         at += RECORD + len(payload)
-        if not (tag == b"WNDW" and flags == 0) and not known(tag, flags, (b"META", b"LAYT", b"INDX")):
+        tags = (b"META", b"LAYT") if file.growing else (b"META", b"LAYT", b"INDX")
+        if not (tag == b"WNDW" and flags == 0) and not known(tag, flags, tags):
             continue
         need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
         need(tag not in have, "2.3", f"a second {tag}")
@@ -95,12 +102,17 @@ def read_head(file, limits):
         have[tag] = payload
         if tag == b"META":
             read_meta(file, payload)
-    need(b"META" in have and b"INDX" in have, "2.3", "no META or INDX")
-    if b"WNDW" in have:
-        read_window(file, have[b"WNDW"])
+    need(b"META" in have and (file.growing or b"INDX" in have), "2.3", "no META or INDX")
     if b"LAYT" in have:
         file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"))
-    read_index(file, have[b"INDX"], limits)
+    if file.growing:
+        read_fragments(file)
+    if b"WNDW" in have:
+        read_window(file, have[b"WNDW"])
+    if not file.growing:
+        file.end = len(file.data)
+        read_index(file, Fields(have[b"INDX"], "5.2"), file.head_bytes)
+    check_limits(file, limits)
 
 
 def read_meta(file, payload):  # 4.2, 4.3
@@ -146,19 +158,83 @@ def read_window(file, payload):  # 4.5
     need(first + file.frames <= whole, "4.5", "the window does not lie in its capture")
 
 
-def read_index(file, payload, limits):
-    fields = Fields(payload, "5.2")
+def fragment_at(data, at):
+    """The payload of the FRAG record at `at`, or None where there is no sound one (5.12)."""
+    try:
+        tag, flags, payload, payload_sum = record_at(data, at, len(data))
+    except Refused:
+        return None
+    sound = (tag, flags) == (b"FRAG", 1) and len(payload) >= 48 and checksum(payload) == payload_sum
+    return payload if sound else None
+
+
+def last_fragment(file):
+    """Where the last complete fragment begins, or None (5.12)."""
+    data = file.data
+    if len(data) >= file.head_bytes + RECORD + 8:
+        at = len(data) - RECORD - int.from_bytes(data[-8:], "little")
+        if at >= file.head_bytes and fragment_at(data, at) is not None:
+            return at
+    found, at = None, file.head_bytes
+    while True:
+        try:
+            _, _, payload, _ = record_at(data, at, len(data))
+        except Refused:
+            return found
+        if fragment_at(data, at) is not None:
+            found = at
+        at += RECORD + len(payload)
+
+
+def read_fragments(file):  # 5.12
+    at = last_fragment(file)
+    file.end = file.body_at = file.head_bytes
+    if at is None:
+        return
+    file.end = at + RECORD + len(fragment_at(file.data, at))
+    chain = []
+    while at != 0:
+        need(file.head_bytes <= at, "5.12", f"a fragment at byte {at}")
+        payload = fragment_at(file.data, at)
+        need(payload is not None, "5.12", f"no sound fragment at byte {at}")
+        fields = Fields(payload[:-8], "5.12")
+        frames, flags = fields.u32(), fields.u32()
+        bounds = [fields.f32() for _ in range(6)]
+        previous = fields.u64()
+        need(previous < at, "5.12", f"a fragment at byte {at} follows one at byte {previous}")
+        if not chain:
+            need(flags & ~1 == 0, "5.12", f"a fragment's flags {flags}", unsupported=True)
+            need(frames > 0, "5.12", "a file of no frames")
+            need(all(map(math.isfinite, bounds)) and all(map(le, bounds[:3], bounds[3:])), "4.3",
+                 "the bounds")
+            need(flags == 0 or file.end == len(file.data), "5.12", "bytes after a closed fragment")
+            file.frames = frames
+        chain.insert(0, (at, previous, fields))
+        at = previous
+    for at, previous, fields in chain:
+        read_index(file, fields, previous or file.head_bytes, at)
+
+
+def read_index(file, fields, at, end=None):  # 5.2
     chunk, stated = fields.f64(), fields.number()
     need(math.isfinite(chunk) and chunk > 0, "5.2", f"a chunk of {chunk} ticks")
-    for _ in range(fields.number()):  # attribute totals
+    need(file.chunk in (None, chunk), "5.12", "another chunk than the fragment before")
+    file.chunk = chunk
+    totals = fields.number()
+    need(totals <= 1024, "5.2", f"{totals} attribute totals")
+    for _ in range(totals):
         need(fields.number() <= 65535, "5.2", "an attribute above 65535")
         fields.number()
-    at = file.head_bytes
+    first = len(file.tiers)
     for _ in range(count_of(fields, "5.2")):
-        at = read_part(file, fields, chunk, at)
+        at = read_part(file, fields, chunk, at, file.end if end is None else end)
     file.body_at = at
-    total = sum(tier.n for tier in file.tiers)
+    total = sum(tier.n for tier in file.tiers[first:])
     need(total == stated, "5.2", f"{total} primitives, not {stated}")
+
+
+def check_limits(file, limits):
+    total = sum(tier.n for tier in file.tiers)
     need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
     floats = 17 + 3 * (file.degree + 1) ** 2
     for tier in file.tiers:
@@ -173,7 +249,7 @@ def count_of(fields, clause):
     return count
 
 
-def read_part(file, fields, chunk, at):  # 5.3
+def read_part(file, fields, chunk, at, body_end):  # 5.3
     begin, end = fields.f64(), fields.f64()
     need(0 <= begin < end <= file.frames, "5.3", f"a part of [{begin}, {end})")
     at += fields.number()
@@ -204,7 +280,7 @@ def read_part(file, fields, chunk, at):  # 5.3
             further.append(fields.number())
         records = []
         for size in sizes + extra + further:
-            need(at + RECORD + size <= len(file.data), "5.3", "a record outside the body")
+            need(at + RECORD + size <= body_end, "5.3", "a record outside the body")
             records.append(Record(at, RECORD + size))
             at += RECORD + size
         for i, n in enumerate(counts):
@@ -225,8 +301,8 @@ def interval(level, slot, chunk, begin, end):  # 5.4
 def read_importance(file):
     """Of each primitive, or None: the first IMPO record behind the last SEGM record (5.11)."""
     at = file.body_at
-    while at < len(file.data):
-        tag, flags, payload, payload_sum = record_at(file.data, at, len(file.data))
+    while at < file.end:
+        tag, flags, payload, payload_sum = record_at(file.data, at, file.end)
         at += RECORD + len(payload)
         if tag != b"IMPO" or flags != 0:
             continue
@@ -242,6 +318,6 @@ def read_importance(file):
 
 def open_file(data, limits):
     file = File(data)
-    file.head_bytes = read_header(data)
+    file.head_bytes, file.growing = read_header(data)
     read_head(file, limits)
     return file

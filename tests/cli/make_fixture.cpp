@@ -19,6 +19,7 @@
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/raster.h"
+#include "stgs/format/scene_recorder.h"
 
 namespace stgs {
 namespace {
@@ -104,6 +105,22 @@ Status write_changed_head(const std::vector<std::uint8_t>& bytes, const std::str
   return write_file_atomically(path, out);
 }
 
+// A recording of the scene's clip in two stretches, and the same cut off in the second.
+Status write_recordings(const Scene& scene, const std::string& folder) {
+  const std::string path = folder + "/recorded.stgs";
+  RecordSettings settings;
+  settings.sync = false;
+  STGS_ASSIGN(const auto recorder,
+              SceneRecorder::create(path, scene.metadata, scene.gaussians.sh_degree, settings));
+  STGS_TRY(recorder->append(scene.gaussians, kFrames / 2));
+  const std::uint64_t first = recorder->bytes();
+  STGS_TRY(recorder->append(scene.gaussians, kFrames));
+  STGS_TRY(recorder->close());
+  std::filesystem::copy_file(path, folder + "/cut.stgs");
+  std::filesystem::resize_file(folder + "/cut.stgs", first + 1000);
+  return {};
+}
+
 // A picture with a NaN in green at (3, 2); nothing in a build without OpenEXR.
 Status write_pixel_that_is_none(const std::string& path) {
   player::Frame frame;
@@ -139,6 +156,7 @@ Status write_all(const std::string& folder) {
   STGS_TRY(write_scene(folder + "/tiny.stgs", scene, settings));
   STGS_TRY(write_capture(scene, folder + "/prepared"));
   STGS_TRY(write_models(folder));
+  STGS_TRY(write_recordings(scene, folder));
   STGS_ASSIGN(const auto bytes, encode_scene(scene, settings));
   STGS_TRY(write_changed_head(bytes, folder + "/huge_count.stgs", [](FileHead& head) {
     head.index.primitives += 0xFFFFFFFFull - head.index.segments[0].base.primitives;

@@ -48,6 +48,38 @@ class Reading(CliTest):
         self.assertRegex(text, rf"static +{motion['static']['primitives']} ")
         self.fails(3, "huge_count.stgs", "info", self.fixture("huge_count.stgs"), "--lifespans")
 
+    def test_recordings(self):
+        """What was recorded live is read as it is, cut off or not, and finalize puts it in order."""
+        recorded, cut = self.fixture("recorded.stgs"), self.fixture("cut.stgs")
+        info = self.json_of("info", recorded)
+        self.assertEqual((info["form"], info["incomplete_bytes"]), ("recorded", 0))
+        self.assertEqual((info["frames"], len(info["parts"]), info["primitives"]), (6, 2, 800))
+        info = self.json_of("info", cut)
+        self.assertEqual((info["form"], info["incomplete_bytes"]), ("growing", 1000))
+        self.assertEqual((info["frames"], len(info["parts"]), info["primitives"]), (3, 1, 400))
+        text = self.succeeds("info", cut).stdout.decode()
+        self.assertIn("not closed yet", text)
+        self.assertIn("1000 bytes after its last complete fragment", text)
+        self.assertEqual(self.json_of("validate", recorded)["files"][0]["issues"], [])
+        issues = self.json_of("validate", cut)["files"][0]["issues"]
+        self.assertEqual([(i["number"], i["severity"]) for i in issues], [(314, "warning")])
+        for path, frames, parts in ((recorded, 6, 2), (cut, 3, 1)):
+            report = self.json_of("finalize", path, "-o", "out.stgs")
+            self.assertEqual((report["frames"], report["parts"]), (frames, parts))
+            self.assertEqual(report["closed"], path == recorded)
+            self.assertEqual(report["bytes_in"], os.path.getsize(path))
+            self.assertEqual(report["bytes_out"], os.path.getsize(self.path("out.stgs")))
+            self.assertEqual(self.json_of("info", "out.stgs")["form"], "finished")
+            self.assertEqual(self.json_of("validate", "out.stgs")["files"][0]["issues"], [])
+            for name, scene in (("a.png", path), ("b.png", "out.stgs")):
+                self.succeeds("render", scene, "--time", "0.05", "-o", name)
+            with open(self.path("a.png"), "rb") as a, open(self.path("b.png"), "rb") as b:
+                self.assertEqual(a.read(), b.read())
+        tiny = self.fixture("tiny.stgs")
+        self.fails(1, "has its index in the head already", "finalize", tiny, "-o", "x.stgs")
+        self.fails(1, "is the recording itself", "finalize", recorded, "-o", recorded)
+        self.assertFalse(os.path.exists(self.path("x.stgs")))
+
     def test_a_name_that_is_not_utf8(self):
         shutil.copy(self.fixture("tiny.stgs"), self.path("x\udcff.stgs"))  # the byte 0xff
         self.assertEqual(self.json_of("info", "x\udcff.stgs")["file"], "x\ufffd.stgs")

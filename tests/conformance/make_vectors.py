@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
                          layouts_payload, record, table_bytes, zstd_frame)
+from vector_growing import Fragment, growing
 from vector_scenes import coded_streams, float_streams, give_tables, own_body
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -181,6 +182,52 @@ def sound_container():
     vector("level_30", "5.4", "the longest level", File([Part(moved)]))
 
 
+def stretches(count):
+    return [Part([Segment(-1, 0, [Body(float_streams(2, 0, 10 + i, 10 * i + 1, 10 * i + 9), 2)])],
+                 10 * i, 10 * i + 10) for i in range(count)]
+
+
+def sound_growing():
+    vector("growing_empty", "5.12", "a recording before its first stretch", growing([]))
+    vector("growing", "5.12", "three stretches, found in two fragments", growing(stretches(3)))
+    vector("growing_eight", "5.12", "eight stretches in one fragment", growing(stretches(8)))
+    vector("growing_closed", "5.12", "a closed recording",
+           growing(stretches(3), closed=Fragment(flags=1)))
+    whole, less = growing(stretches(3)), growing(stretches(2))
+    for name, size in (("growing_cut_in_a_record", len(less) + 100),
+                       ("growing_cut_in_a_header", len(less) + 7),
+                       ("growing_cut_in_a_fragment", len(whole) - 1)):
+        vector(name, "5.12", "cut off: read up to the last complete stretch", whole[:size])
+
+
+def broken_growing():
+    whole = growing(stretches(3))
+    must_fail("growing_states_its_size", "2.6", "file_bytes in a growing file",
+              growing(stretches(1), file_bytes=1))
+    must_fail("growing_cut_head", "2.6", "shorter than its head", growing([])[:-1])
+    must_fail("growing_with_index", "3.4", "INDX in the head of a growing file",
+              growing(stretches(1), head_last=record(b"INDX", File([]).index_payload())))
+    must_fail("growing_after_the_end", "5.12", "bytes after a closed fragment",
+              growing(stretches(1), closed=Fragment(flags=1), tail=b"x"))
+    flags = [Fragment(flags=2)]
+    must_fail("fragment_flags", "5.12", "a fragment's unknown flag", growing(stretches(1), flags))
+    must_fail("fragment_frames", "5.12", "a file of no frames",
+              growing(stretches(1), [Fragment(frames=0)]))
+    must_fail("fragment_bounds", "4.3", "bounds the wrong way round",
+              growing(stretches(1), [Fragment(bounds=(1, 0, 0, 0, 0, 0))]))
+    must_fail("fragment_part", "5.3", "a part beyond the frames of its fragment",
+              growing(stretches(1), [Fragment(frames=9)]))
+    itself = len(growing([])) + len(File(stretches(1)).body())
+    must_fail("fragment_previous", "5.12", "previous is the fragment itself",
+              growing(stretches(1), [Fragment(previous=itself)]))
+    must_fail("fragment_previous_is_none", "5.12", "previous is another record",
+              growing(stretches(2), [Fragment(), Fragment(previous=len(growing([])))]))
+    must_fail("fragment_chunk", "5.12", "two chunks in one file",
+              growing(stretches(3), [Fragment(), Fragment(), Fragment(chunk=7.0)]))
+    must_fail("fragment_in_the_way", "5.12", "a fragment of the chain is damaged",
+              with_byte(whole, len(growing(stretches(2))) - 30))
+
+
 def broken_header():
     good = plain().bytes()
     must_fail("short", "2.2", "39 bytes", good[:39])
@@ -189,7 +236,7 @@ def broken_header():
     must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
     must_fail("major_version", "2.5", "major version 1", plain(major=1))
     must_fail("minor_version", "2.5", "minor version 3, an experiment", plain(minor=3))
-    must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=1))
+    must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
     must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
     must_fail("bytes_after_the_end", "2.6", "one more", good + b"\0")
     must_fail("head_beyond_the_file", "2.3", "head_bytes too great", plain(head_bytes=1 << 20))
@@ -399,7 +446,8 @@ class Patched(Body):
         return super().payload(level, layer, slot).replace(self.old, self.new, 1)
 
 
-for make in (sound_lossless, sound_coded, sound_container, broken_header, broken_head, broken_index,
+for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing,
+             broken_header, broken_head, broken_index,
              broken_segment, broken_streams, broken_rans):
     make()
 

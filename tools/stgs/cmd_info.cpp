@@ -17,6 +17,18 @@ double bytes_per_primitive(const SceneReader& reader) {
              : static_cast<double>(reader.file_bytes()) / static_cast<double>(reader.primitives());
 }
 
+const char* form_name(SceneForm form) {
+  switch (form) {
+    case SceneForm::kGrowing:
+      return "growing";
+    case SceneForm::kRecorded:
+      return "recorded";
+    case SceneForm::kFinished:
+      break;
+  }
+  return "finished";
+}
+
 Json segments_json(const SceneReader& reader) {
   Json segments = Json::array();
   for (const SegmentInfo& segment : reader.segments()) {
@@ -79,7 +91,9 @@ Json to_json(const SceneReader& reader, const std::string& path) {
   Json json = {{"file", path},
                {"version", fmt::format("{}.{}", reader.version_major(), reader.version_minor())},
                {"profile", profile_name(reader.profile())},
+               {"form", form_name(reader.form())},
                {"bytes", reader.file_bytes()},
+               {"incomplete_bytes", reader.incomplete_bytes()},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -135,6 +149,15 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
       m.time_base.seconds(m.frames), m.frames, 1.0 / m.time_base.seconds(1), m.bounds_min[0],
       m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2],
       m.metric ? " m" : "");
+  if (reader.form() != SceneForm::kFinished) {
+    out += fmt::format(
+        "  form             recorded live, {}; 'stgs finalize' puts its index in front\n",
+        reader.form() == SceneForm::kRecorded ? "closed" : "not closed yet");
+  }
+  if (reader.incomplete_bytes() > 0) {
+    out += fmt::format("  incomplete       {} bytes after its last complete fragment\n",
+                       reader.incomplete_bytes());
+  }
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
   }

@@ -45,6 +45,7 @@ std::unique_ptr<Command> make_compare();
 std::unique_ptr<Command> make_convert();
 std::unique_ptr<Command> make_encode();
 std::unique_ptr<Command> make_evaluate();
+std::unique_ptr<Command> make_finalize();
 std::unique_ptr<Command> make_info();
 std::unique_ptr<Command> make_pack();
 std::unique_ptr<Command> make_prepare();

@@ -17,6 +17,8 @@ class ByteSource {
   virtual ~ByteSource() = default;
   // Total size in bytes.
   virtual std::uint64_t size() const = 0;
+  // Looks again how large it is, where it may have grown. Not while another thread uses it.
+  virtual Status refresh() { return {}; }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
   // What messages call it: a path, or "memory".

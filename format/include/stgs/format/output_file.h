@@ -51,4 +51,28 @@ class OutputFile {
 // OutputFile in one go: afterwards `path` is either the old file or the whole new one.
 Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
+// A new file that is only appended to and can be read meanwhile. One thread at a time.
+class AppendedFile {
+ public:
+  AppendedFile() = default;
+  ~AppendedFile();
+  AppendedFile(const AppendedFile&) = delete;
+  AppendedFile& operator=(const AppendedFile&) = delete;
+
+  // The file must not exist.
+  Status create(const std::string& path);
+  // `sync`: returns when the bytes are on the disk. After an error the file is cut to what it had
+  // before, where that is possible.
+  Status append(std::span<const std::uint8_t> bytes, bool sync);
+  Status close();
+
+  const std::string& path() const { return path_; }
+  std::uint64_t bytes() const { return bytes_; }
+
+ private:
+  std::string path_;
+  int fd_ = -1;
+  std::uint64_t bytes_ = 0;
+};
+
 }  // namespace stgs

@@ -95,6 +95,13 @@ struct SegmentInfo {
   std::uint64_t harmonics_offset = 0, harmonics_bytes = 0;
 };
 
+// How a file is laid out (spec 2.4).
+enum class SceneForm {
+  kFinished,  // index first
+  kGrowing,   // recorded live, the index in fragments; more may follow
+  kRecorded,  // the same, closed: nothing follows
+};
+
 // Bytes spent on one attribute over the whole file.
 struct StreamInfo {
   std::string name;  // "position", "sh", ...
@@ -117,9 +124,18 @@ class SceneReader {
   virtual std::uint16_t version_minor() const = 0;
   virtual int sh_degree() const = 0;
   virtual std::uint64_t primitives() const = 0;
+  // Up to the end of what is complete.
   virtual std::uint64_t file_bytes() const = 0;
   // Bytes that open() read: all that is needed for finding segments.
   virtual std::uint64_t head_bytes() const = 0;
+  virtual SceneForm form() const = 0;
+  // Bytes of a growing file after its last complete fragment: being written, or cut off.
+  virtual std::uint64_t incomplete_bytes() const = 0;
+  // Looks whether a growing file has grown; true: there are new segments, after those that there
+  // were, and metadata().frames has grown. What metadata(), segments() and parts() gave before is
+  // void then; indices of segments are not. Not while another thread uses the reader. After an
+  // error it is as it was.
+  virtual Result<bool> refresh() = 0;
   virtual double chunk_ticks() const = 0;  // the shortest segment of the timeline
   virtual const std::vector<SegmentInfo>& segments() const = 0;
   // At least one; segments are listed part after part.

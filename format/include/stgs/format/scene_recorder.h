@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recording live: a .stgs file that is only ever appended to, and can be played while it grows
+// (spec 5.12).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "stgs/format/scene_file.h"
+
+namespace stgs {
+
+struct RecordSettings {
+  WriteSettings write;  // each record has its own layout, whatever `own_layouts` says
+  // Each append waits until its bytes are on the disk: they survive a power cut. Without it they
+  // survive the end of this process alone.
+  bool sync = true;
+};
+
+// Appends stretches of time to a file. One thread at a time; encoding uses all threads
+// (parallel.h). What append() has returned for can be read by anyone, and stays readable whatever
+// happens to the process; a reader passes over what a killed append has left behind. Destroying it
+// without close() leaves a file that readers expect to grow.
+class SceneRecorder {
+ public:
+  // Makes the file, which must not exist; its head is there when this returns. Of the metadata,
+  // frames and bounds are ignored; a window is refused (kUsage). The chunk is chosen by the first
+  // stretch where the settings leave it open.
+  static Result<std::unique_ptr<SceneRecorder>> create(const std::string& path,
+                                                       const SceneMetadata& metadata, int sh_degree,
+                                                       const RecordSettings& settings = {});
+  virtual ~SceneRecorder() = default;
+
+  // The primitives that are drawn from frames() to `end_frame`, which is greater; times count from
+  // the beginning of the recording. `importance`: see Scene; may be empty. After a kUsage nothing
+  // has changed. After any other error nothing more can be appended; the file ends where it did
+  // before, as far as the system lets it be cut.
+  virtual Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
+                        std::span<const float> importance = {}) = 0;
+  // Says in the file that nothing follows, with the whole index in one place.
+  virtual Status close() = 0;
+
+  virtual std::uint32_t frames() const = 0;  // appended so far
+  virtual std::uint64_t bytes() const = 0;   // of the file
+};
+
+// Copies a recording, whole or cut off anywhere, to a file with its index in the head, with the
+// same bytes for every primitive; `output` appears whole or not at all. A last fragment whose
+// records did not reach the disk is left out, other damage is an error. A file that is finished
+// already is kUsage.
+Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output);
+
+}  // namespace stgs

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stretches of a recording, the same in every process.
+#pragma once
+
+#include "scene_fixture.h"
+#include "stgs/format/scene_recorder.h"
+
+namespace stgs::testing {
+
+inline constexpr std::uint32_t kStretchFrames = 10;
+
+// The primitives of stretch i, of frames [10 i, 10 i + 10).
+inline Gaussians4D stretch(std::uint32_t i, std::size_t primitives = 60, int sh_degree = 1) {
+  Gaussians4D set = random_scene(primitives, sh_degree, kStretchFrames, 100 + i).gaussians;
+  for (float& t : set.time) t += static_cast<float>(kStretchFrames * i);
+  for (float& o : set.opacity_logit) o = std::abs(o);  // all of them are seen
+  return set;
+}
+
+inline SceneMetadata recording_metadata() {
+  SceneMetadata metadata;
+  metadata.time_base = {1, 30};
+  metadata.generator = "test";
+  metadata.title = "a recording";
+  return metadata;
+}
+
+inline RecordSettings recording_settings(Profile profile = Profile::kLossless) {
+  RecordSettings settings;
+  settings.write.profile = profile;
+  settings.write.chunk_seconds = 0.1;
+  settings.sync = false;
+  return settings;
+}
+
+}  // namespace stgs::testing

@@ -1,0 +1,348 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files that grow: what is on disk when, what readers make of it, and what finalize makes of it.
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <thread>
+
+#include "container.h"
+#include "stgs/format/output_file.h"
+#include "stretch_fixture.h"
+
+using namespace stgs;
+using namespace stgs::testing;
+using Bytes = std::vector<std::uint8_t>;
+namespace fs = std::filesystem;
+
+namespace {
+
+// A folder of the test's own, removed with it.
+class Folder {
+ public:
+  Folder() {
+    static int count = 0;
+    path_ = fs::temp_directory_path() / fmt::format("stgs-recorder-{}-{}", ::getpid(), count++);
+    fs::create_directories(path_);
+  }
+  ~Folder() { fs::remove_all(path_); }
+  std::string file(const std::string& name) const { return (path_ / name).string(); }
+
+ private:
+  fs::path path_;
+};
+
+Bytes bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+// Records so many stretches; the sizes of the file before the first and after each.
+std::vector<std::uint64_t> record(const std::string& path, std::uint32_t count, bool close,
+                                  Profile profile = Profile::kLossless,
+                                  std::size_t primitives = 60) {
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings(profile));
+  INFO(recorder.status().message());
+  REQUIRE(recorder.ok());
+  std::vector<std::uint64_t> sizes = {(*recorder)->bytes()};
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const Status status = (*recorder)->append(stretch(i, primitives), (i + 1) * kStretchFrames);
+    INFO(status.message());
+    REQUIRE(status.ok());
+    CHECK((*recorder)->frames() == (i + 1) * kStretchFrames);
+    sizes.push_back((*recorder)->bytes());
+    CHECK(fs::file_size(path) == sizes.back());
+  }
+  if (close) {
+    REQUIRE((*recorder)->close().ok());
+    sizes.push_back((*recorder)->bytes());
+  }
+  return sizes;
+}
+
+std::unique_ptr<SceneReader> opened(const std::string& path) {
+  auto reader = SceneReader::open(path);
+  INFO(reader.status().message());
+  REQUIRE(reader.ok());
+  return std::move(*reader);
+}
+
+std::set<int> issues_of(const Bytes& bytes) {
+  const auto issues = validate_scene(*memory_source(bytes));
+  REQUIRE(issues.ok());
+  std::set<int> numbers;
+  for (const Issue& issue : *issues) numbers.insert(issue.number);
+  return numbers;
+}
+
+std::multiset<std::string> prints_of(const SceneReader& reader, std::uint32_t part) {
+  std::multiset<std::string> out;
+  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
+    if (reader.segments()[s].part != part) continue;
+    const auto set = reader.decode(s);
+    INFO(set.status().message());
+    REQUIRE(set.ok());
+    for (std::string& print : fingerprints(*set)) out.insert(std::move(print));
+  }
+  return out;
+}
+
+std::multiset<std::string> prints_of(const Gaussians4D& set) {
+  const auto prints = fingerprints(set);
+  return {prints.begin(), prints.end()};
+}
+
+pid_t spawn(const std::string& path, int count, int milliseconds) {
+  std::string words[4] = {STGS_RECORD_STRETCHES, path, std::to_string(count),
+                          std::to_string(milliseconds)};
+  char* arguments[5] = {words[0].data(), words[1].data(), words[2].data(), words[3].data(),
+                        nullptr};
+  pid_t pid = 0;
+  REQUIRE(::posix_spawn(&pid, words[0].c_str(), nullptr, nullptr, arguments, environ) == 0);
+  return pid;
+}
+
+// Waits until a file has so many bytes.
+void wait_for(const std::string& path, std::uint64_t bytes) {
+  std::error_code none;
+  for (int i = 0; i < 30000 && !(fs::exists(path, none) && fs::file_size(path, none) >= bytes);
+       ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("a recording can be read after each stretch, and finalize makes what a writer writes") {
+  const Folder folder;
+  const std::string path = folder.file("live.stgs");
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
+  REQUIRE(recorder.ok());
+  CHECK(opened(path)->primitives() == 0);
+  Scene scene;
+  scene.metadata = recording_metadata();
+  for (std::uint32_t i = 0; i < 7; ++i) {
+    const Gaussians4D set = stretch(i);
+    REQUIRE((*recorder)->append(set, (i + 1) * kStretchFrames).ok());
+    scene.gaussians.sh_degree = set.sh_degree;
+    for (std::size_t k = 0; k < set.size(); ++k) scene.gaussians.append(set, k);
+    scene.parts.push_back({10.0 * i, 10.0 * (i + 1), set.size()});
+    const auto reader = opened(path);
+    CHECK(reader->form() == SceneForm::kGrowing);
+    CHECK(reader->incomplete_bytes() == 0);
+    CHECK(reader->metadata().frames == (i + 1) * kStretchFrames);
+    REQUIRE(reader->parts() == scene.parts);
+    for (std::uint32_t p = 0; p <= i; ++p) CHECK(prints_of(*reader, p) == prints_of(stretch(p)));
+    CHECK(issues_of(bytes_of(path)).empty());
+  }
+  REQUIRE((*recorder)->close().ok());
+  CHECK(opened(path)->form() == SceneForm::kRecorded);
+  CHECK(opened(path)->parts() == scene.parts);
+  CHECK(issues_of(bytes_of(path)).empty());
+
+  const std::string finished = folder.file("finished.stgs");
+  REQUIRE(finalize_scene(std::move(*open_file(path)), finished).ok());
+  scene.metadata.frames = 70;
+  WriteSettings settings = recording_settings().write;
+  settings.own_layouts = true;
+  const auto direct = encode_scene(scene, settings);
+  REQUIRE(direct.ok());
+  CHECK(bytes_of(finished) == *direct);
+  CHECK(opened(finished)->form() == SceneForm::kFinished);
+  CHECK(finalize_scene(std::move(*open_file(finished)), folder.file("x.stgs")).code() ==
+        StatusCode::kUsage);
+  CHECK_FALSE(fs::exists(folder.file("x.stgs")));
+}
+
+TEST_CASE("a recording cut anywhere is read up to its last complete stretch") {
+  const Folder folder;
+  for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    const std::string path = folder.file(profile_name(profile));
+    const std::vector<std::uint64_t> sizes = record(path, 5, true, profile, 6);
+    const Bytes whole = bytes_of(path);
+    REQUIRE(whole.size() == sizes.back());
+    for (std::size_t size = 0; size <= whole.size(); ++size) {
+      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      const auto reader = SceneReader::open(memory_source(cut));
+      if (size < sizes.front()) {
+        if (reader.status().code() != StatusCode::kInvalidFile) FAIL("opened " << size << " bytes");
+        continue;
+      }
+      std::size_t complete = 0;
+      while (complete + 1 < sizes.size() && sizes[complete + 1] <= size) ++complete;
+      const bool closed = complete == 6;
+      const std::size_t stretches = closed ? 5 : complete;
+      const std::uint64_t rest = size - sizes[complete];
+      if (!reader.ok() || (*reader)->incomplete_bytes() != rest ||
+          (*reader)->primitives() != 6 * stretches ||
+          (*reader)->form() != (closed ? SceneForm::kRecorded : SceneForm::kGrowing)) {
+        FAIL(size << " bytes: " << reader.status().message());
+      }
+      const std::set<int> expected = rest > 0 ? std::set<int>{314} : std::set<int>{};
+      if (issues_of(cut) != expected) FAIL(size << " bytes: other issues");
+      if (stretches > 0 && (rest < 2 || rest == 40)) {
+        const auto scene = read_scene(memory_source(cut));
+        if (!scene.ok() || scene->gaussians.size() != 6 * stretches) FAIL("cannot read " << size);
+      }
+    }
+  }
+}
+
+TEST_CASE("every changed byte of a recording is found") {
+  const Folder folder;
+  for (const bool close : {false, true}) {
+    const std::string path = folder.file(close ? "closed" : "open");
+    record(path, 3, close, Profile::kQuantised, 5);
+    const Bytes whole = bytes_of(path);
+    for (std::size_t at = 0; at < whole.size(); ++at) {
+      for (const int flip : {0x01, 0x80}) {
+        Bytes damaged = whole;
+        damaged[at] = static_cast<std::uint8_t>(damaged[at] ^ flip);
+        if (issues_of(damaged).empty()) FAIL("byte " << at << " ^ " << flip);
+      }
+    }
+  }
+}
+
+TEST_CASE("the index of a long recording is found in few fragments") {
+  const Folder folder;
+  const std::string path = folder.file("long.stgs");
+  const std::vector<std::uint64_t> sizes = record(path, 200, false, Profile::kQuantised, 4);
+  const auto reader = opened(path);
+  CHECK(reader->parts().size() == 200);
+  CHECK(reader->primitives() == 800);
+  // 200 = 128 + 64 + 8.
+  CHECK(reader->head_bytes() < sizes.front() + 3 * 200 + 200 * 60);
+  // Without its last bytes the last fragment before is found.
+  const Bytes whole = bytes_of(path);
+  const Bytes cut(whole.begin(), whole.end() - 1);
+  CHECK((*SceneReader::open(memory_source(cut)))->parts().size() == 199);
+}
+
+TEST_CASE("a reader follows a file that another process writes") {
+  const Folder folder;
+  const std::string path = folder.file("live.stgs");
+  const pid_t writer = spawn(path, 12, 5);
+  wait_for(path, 300);
+  auto reader = opened(path);
+  std::set<std::uint32_t> seen;
+  std::size_t segments = reader->segments().size();
+  for (int i = 0; i < 60000 && reader->form() == SceneForm::kGrowing; ++i) {
+    const auto grown = reader->refresh();
+    INFO(grown.status().message());
+    REQUIRE(grown.ok());
+    REQUIRE(reader->segments().size() >= segments);
+    for (; segments < reader->segments().size(); ++segments) {
+      const auto set = reader->decode(static_cast<std::uint32_t>(segments));
+      INFO(set.status().message());
+      REQUIRE(set.ok());
+    }
+    seen.insert(reader->metadata().frames);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  int status = -1;
+  REQUIRE(::waitpid(writer, &status, 0) == writer);
+  CHECK(status == 0);
+  CHECK(reader->form() == SceneForm::kRecorded);
+  CHECK(reader->metadata().frames == 120);
+  CHECK(reader->primitives() == 12 * 60);
+  CHECK(seen.size() > 3);
+  CHECK_FALSE(*reader->refresh());
+}
+
+TEST_CASE("what was appended before a kill can be read and finalized") {
+  const Folder folder;
+  const std::string reference = folder.file("reference.stgs");
+  record(reference, 40, false, Profile::kQuantised);
+  const auto expected = opened(reference);
+  for (const std::uint64_t bytes : {1u, 2000u, 9000u, 20000u, 40001u}) {
+    const std::string path = folder.file(fmt::format("killed{}.stgs", bytes));
+    const pid_t writer = spawn(path, 100000, 0);
+    wait_for(path, bytes);
+    REQUIRE(::kill(writer, SIGKILL) == 0);
+    int status = 0;
+    REQUIRE(::waitpid(writer, &status, 0) == writer);
+    CHECK(WIFSIGNALED(status));
+    const auto reader = SceneReader::open(path);
+    if (bytes < 10) {  // perhaps within the head
+      CHECK((reader.ok() || reader.status().code() == StatusCode::kInvalidFile));
+      continue;
+    }
+    REQUIRE(reader.ok());
+    CHECK((*reader)->form() == SceneForm::kGrowing);
+    const auto parts = static_cast<std::uint32_t>((*reader)->parts().size());
+    REQUIRE(parts >= 1);
+    for (std::uint32_t p = 0; p < std::min(parts, 40u); ++p) {
+      CHECK(prints_of(**reader, p) == prints_of(*expected, p));
+    }
+    const std::string finished = folder.file(fmt::format("finished{}.stgs", bytes));
+    const Status finalized = finalize_scene(std::move(*open_file(path)), finished);
+    INFO(finalized.message());
+    REQUIRE(finalized.ok());
+    CHECK(opened(finished)->parts().size() == parts);
+    CHECK(issues_of(bytes_of(finished)).empty());
+  }
+}
+
+TEST_CASE("a torn last fragment is left out, damage before it is not passed over") {
+  const Folder folder;
+  const std::string path = folder.file("torn.stgs");
+  const auto sizes = record(path, 4, false, Profile::kQuantised);
+  const auto torn = [&](std::size_t stretch) {
+    Bytes bytes = bytes_of(path);
+    bytes[sizes[stretch] + 100] ^= 0x20;  // in its first record, the fragment after it is whole
+    return finalize_scene(memory_source(bytes, "torn.stgs"), folder.file("out.stgs"));
+  };
+  CHECK(torn(1).code() == StatusCode::kInvalidFile);
+  CHECK_FALSE(fs::exists(folder.file("out.stgs")));
+  REQUIRE(torn(3).ok());
+  CHECK(opened(folder.file("out.stgs"))->parts().size() == 3);
+  CHECK(opened(folder.file("out.stgs"))->metadata().frames == 30);
+  CHECK(issues_of(bytes_of(folder.file("out.stgs"))).empty());
+}
+
+TEST_CASE("a recorder says what it cannot do") {
+  const Folder folder;
+  const std::string path = folder.file("a.stgs");
+  const RecordSettings settings = recording_settings();
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, settings);
+  REQUIRE(recorder.ok());
+  CHECK(SceneRecorder::create(path, recording_metadata(), 1, settings).status().code() ==
+        StatusCode::kIo);
+  CHECK(SceneRecorder::create(folder.file("no/b"), recording_metadata(), 1, settings)
+            .status()
+            .code() == StatusCode::kIo);
+  SceneMetadata metadata = recording_metadata();
+  metadata.time_base = {0, 30};
+  CHECK(SceneRecorder::create(folder.file("c"), metadata, 1, settings).status().code() ==
+        StatusCode::kUsage);
+  metadata = recording_metadata();
+  metadata.window = CaptureWindow{0, 1, 0, 0};
+  CHECK(SceneRecorder::create(folder.file("c"), metadata, 1, settings).status().code() ==
+        StatusCode::kUsage);
+  CHECK_FALSE(fs::exists(folder.file("c")));
+  CHECK((*recorder)->append(stretch(0), 0).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(stretch(0, 5, 0), 10).code() == StatusCode::kUsage);
+  Gaussians4D broken = stretch(0);
+  broken.sigma[3] = NAN;
+  CHECK((*recorder)->append(broken, 10).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(stretch(0), 10, std::vector<float>(3)).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(stretch(0), 10).ok());
+  CHECK((*recorder)->append(stretch(0), 10).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(stretch(0, 0), 20).ok());  // nothing is seen there
+  CHECK(opened(path)->metadata().frames == 20);
+  CHECK((*recorder)->close().ok());
+  CHECK((*recorder)->close().code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(stretch(1), 30).code() == StatusCode::kUsage);
+  CHECK(issues_of(bytes_of(path)).empty());
+  Bytes more = bytes_of(path);
+  more.push_back(0);
+  CHECK(SceneReader::open(memory_source(more)).status().message().find("issue 106") !=
+        std::string::npos);
+}

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that grow (5.12), for the vectors."""
+import struct
+from dataclasses import dataclass, replace
+
+from vector_file import File, Meta, Part, checksum, record
+
+
+@dataclass
+class Fragment:
+    """What a FRAG record says, where it is not what a writer would say."""
+    frames: int = None
+    flags: int = 0
+    previous: int = None
+    bounds: tuple = (-10.0, -10.0, -10.0, 10.0, 10.0, 10.0)
+    length: int = 0          # added to the payload's length at its end
+    chunk: float = 5.0
+
+
+def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1):
+    """A recording of these parts, a FRAG record behind each; the last one of all where closed."""
+    meta = Meta(profile=0, frames=1)
+    head = record(b"META", meta.payload()) + head_last
+    out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", 0, 4, flags, file_bytes, 40 + len(head))
+    out += struct.pack("<Q", checksum(out)) + head
+    offsets, sizes = [], []
+    for i, part in enumerate(parts, 1):
+        out += File([part]).body()
+        first = i & (i - 1)  # lists as many as the greatest power of two in i
+        said = fragments[i - 1] if fragments else Fragment()
+        offsets.append(len(out))
+        out += fragment(parts[first:i], part.end, offsets[first - 1] if first else 0, said,
+                        sizes[first - 1:] if first else [0] + sizes)
+        sizes.append(len(out) - offsets[-1])
+    if closed:
+        out += fragment(parts, parts[-1].end, 0, closed, [0] + sizes)
+    return out + tail
+
+
+def fragment(parts, end, previous, said, skips):
+    listed = [replace(part, skip=skip) for part, skip in zip(parts, skips)]
+    payload = struct.pack("<II6fQ", int(end) if said.frames is None else said.frames, said.flags,
+                          *said.bounds, previous if said.previous is None else said.previous)
+    payload += File(listed, chunk=said.chunk).index_payload()
+    return record(b"FRAG", payload + struct.pack("<Q", len(payload) + 8 + said.length))
