@@ -14,7 +14,7 @@ from layouts import COMPONENTS, MORTON, RANS, Layouts, check_attributes, read_la
 F32 = np.float32
 
 
-def decode_tier(file, tier, with_harmonics=True):
+def decode_tier(file, tier):
     """{attribute: (integers, floats)}; integers has a row a component, floats one a primitive."""
     records = [(tier.base, 0)] + [(tier.harmonics, 1)] * (tier.harmonics is not None)
     opened = [open_record(file, tier, *record) for record in records]

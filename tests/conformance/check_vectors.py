@@ -37,15 +37,21 @@ def split(lines):
     return decoded, [(place.strip() or "file", message) for place, message in refused]
 
 
-def program_lines(program, path, limits):
+def program_blocks(program, paths, limits):
+    """What PROGRAM says of each file: its lines, the last being the validator's errors."""
     arguments = []
     for name, value in limits.items():
         arguments += ["--" + name.replace("_", "-"), str(value)]
-    run = subprocess.run([program, *arguments, path], capture_output=True, text=True, check=False)
+    run = subprocess.run([program, *arguments, *paths], capture_output=True, text=True, check=False)
     if run.returncode != 0:
-        return None, run.stderr.strip() or f"ended with {run.returncode}"
-    lines = [line.strip() for line in run.stdout.splitlines()[1:]]
-    return lines[:-1], [int(n) for n in lines[-1].split()[1:]]
+        sys.exit(f"{program} ended with {run.returncode}: {run.stderr.strip()}")
+    blocks = {}
+    for line in run.stdout.splitlines():
+        if line.startswith("  "):
+            lines.append(line.strip())
+        else:
+            lines = blocks[line[:-1]] = []
+    return blocks
 
 
 def check(entry, data, path, program, record):
@@ -58,10 +64,8 @@ def check(entry, data, path, program, record):
         yield "the reference decoder decodes something else"
     if [place for place, _ in refused] != expected or set(clauses) - {entry["clause"]}:
         yield f"the reference decoder refuses {refused}"
-    lines, errors = program_lines(program, path, limits)
-    if lines is None:
-        yield errors
-        return
+    lines = program_blocks(program, [path], limits)[path]
+    errors = [int(n) for n in lines.pop().split()[1:]]
     other, other_refused = split(lines)
     if other != decoded:
         yield f"the decoders differ:\n{decoded}against\n{other}"

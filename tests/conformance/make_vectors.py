@@ -53,7 +53,7 @@ def coded(n=5, degree=0, seed=2, level=-1, slot=0, **streams):
 
 
 def changed(attribute, n=3, degree=0, **fields):
-    """plain() or, for what is coded, coded(), with one stream's fields changed."""
+    """plain() with one stream's fields changed."""
     streams = float_streams(n, degree, 1)
     for s in streams:
         if s.attribute == attribute:
@@ -65,10 +65,6 @@ def changed(attribute, n=3, degree=0, **fields):
 def replaced(stream, n=3, **body):
     streams = [stream if s.attribute == stream.attribute else s for s in float_streams(n, 0, 1)]
     return plain(body=own_body(streams, n, **body))
-
-
-def reseal_header(data):
-    return data[:32] + struct.pack("<Q", checksum(data[:32])) + data[40:]
 
 
 def with_byte(data, at, flip=1):
