@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a player must read of a long timeline: its first read, and a seek to each frame; as JSON.
-//   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS] [-o FILE.stgs]
+//   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS]
+//                  [--own-layouts 0|1] [-o FILE.stgs]
 // A tenth of the primitives live through all of it. The lives of the others begin anywhere and last
 // from 0.1 to 20 seconds, each octave as often as any other.
 #include <sys/resource.h>
@@ -13,6 +14,7 @@
 #include <string_view>
 
 #include "../api/scene_fixture.h"
+#include "stgs/format/decoder_model.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/output_file.h"
@@ -26,6 +28,7 @@ struct Options {
   std::uint32_t frames = 18'000;
   int degree = 3;
   double chunk_seconds = 0;
+  bool own_layouts = false;  // as a recorder writes
   std::string output;
 };
 
@@ -184,6 +187,7 @@ Status run(const Options& options) {
     WriteSettings settings;
     settings.profile = Profile::kQuantised;
     settings.chunk_seconds = options.chunk_seconds;
+    settings.own_layouts = options.own_layouts;
     const auto start = std::chrono::steady_clock::now();
     STGS_ASSIGN(bytes, encode_scene(scene, settings));
     encode_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -193,6 +197,7 @@ Status run(const Options& options) {
   STGS_ASSIGN(const auto reader, SceneReader::open(memory_source(std::move(bytes))));
   const std::chrono::duration<double> open_s = std::chrono::steady_clock::now() - start;
   STGS_ASSIGN(nlohmann::json seeks, measure(*reader));
+  const DecoderNeeds needs = decoder_needs(*reader);
   const std::size_t rows = reader->segments().size();
   const nlohmann::json out = {
       {"primitives", reader->primitives()},
@@ -204,6 +209,9 @@ Status run(const Options& options) {
       {"first_read_bytes_a_segment", static_cast<double>(reader->head_bytes()) /
                                          static_cast<double>(std::max<std::size_t>(1, rows))},
       {"encode_s", encode_s},
+      {"decoder_level", needs.level},
+      {"startup_bytes", needs.startup_bytes},
+      {"bits_per_second", needs.bits_per_second},
       {"open_s", open_s.count()},
       {"seek", std::move(seeks)},
       {"peak_memory_bytes", resident_bytes()}};
@@ -223,6 +231,8 @@ bool parse(int argc, char** argv, Options& options) {
       options.degree = std::clamp(std::atoi(argv[i + 1]), 0, 3);
     } else if (name == "--chunk") {
       options.chunk_seconds = std::strtod(argv[i + 1], nullptr);
+    } else if (name == "--own-layouts") {
+      options.own_layouts = std::atoi(argv[i + 1]) != 0;
     } else if (name == "-o") {
       options.output = argv[i + 1];
     } else {
@@ -239,7 +249,7 @@ int main(int argc, char** argv) {
   if (!parse(argc, argv, options)) {
     std::fprintf(stderr,
                  "usage: bench_timeline [--primitives N] [--frames F] [--degree D] "
-                 "[--chunk SECONDS] [-o FILE.stgs]\n");
+                 "[--chunk SECONDS] [--own-layouts 0|1] [-o FILE.stgs]\n");
     return 1;
   }
   const Status status = run(options);

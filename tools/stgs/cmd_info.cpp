@@ -5,6 +5,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "stgs/format/decoder_model.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/scene_statistics.h"
 
@@ -15,6 +16,25 @@ double bytes_per_primitive(const SceneReader& reader) {
   return reader.primitives() == 0
              ? 0
              : static_cast<double>(reader.file_bytes()) / static_cast<double>(reader.primitives());
+}
+
+Json to_json(const DecoderNeeds& needs) {
+  return {{"level", needs.level},
+          {"primitives", needs.primitives},
+          {"bytes", needs.bytes},
+          {"decoded_bytes", needs.decoded_bytes},
+          {"ranges", needs.ranges},
+          {"startup_bytes", needs.startup_bytes},
+          {"bits_per_second", needs.bits_per_second}};
+}
+
+std::string to_text(const DecoderNeeds& needs) {
+  return fmt::format(
+      "  decoder          {}: at most {} primitives at a moment ({} in {} ranges, {} decoded); {} "
+      "to start, then {:.3g} Mbit/s\n",
+      needs.level > 0 ? fmt::format("level {}", needs.level) : "beyond every level",
+      needs.primitives, human_bytes(needs.bytes), needs.ranges, human_bytes(needs.decoded_bytes),
+      human_bytes(needs.startup_bytes), needs.bits_per_second * 1e-6);
 }
 
 const char* form_name(SceneForm form) {
@@ -111,6 +131,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"near_plane", m.near_plane},
                {"generator", m.generator},
                {"title", m.title},
+               {"decoder", to_json(decoder_needs(reader))},
                {"start_camera", nullptr},
                {"window", nullptr},
                {"parts", Json::array()},
@@ -177,6 +198,7 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);
   out += fmt::format("  chunk            {:.4g} s, the shortest segment\n",
                      m.time_base.seconds(reader.chunk_ticks()));
+  out += to_text(decoder_needs(reader));
   out +=
       "\n  segment  level       tier      from s        to s  primitives       bytes   harmonics\n";
   for (std::size_t i = 0; i < reader.segments().size(); ++i) {
