@@ -107,14 +107,15 @@ bool is_constant(const Gaussians4D& set, std::uint32_t i, const Interval& interv
          2.0 * set.radius[i] >= interval.end - interval.begin;
 }
 
-// A tier whose constant primitives, if they are many, come apart from the others: all their lives
-// are one symbol then.
-std::vector<Piece> pieces_of(Place place, Tier tier, const Gaussians4D& set,
+// A tier whose constant primitives, if they are many and not stored as floats, come apart from the
+// others: all their lives are one symbol then.
+std::vector<Piece> pieces_of(Place place, Tier tier, const Encoding& encoding,
                              const Interval& interval) {
   Piece constant{{place, {}}, tier.importance, kConstant};
   Piece other{{place, {}}, tier.importance, place.level};
   for (const std::uint32_t i : tier.members) {
-    (is_constant(set, i, interval) ? constant : other).segment.members.push_back(i);
+    const bool apart = encoding.quantiser != nullptr && is_constant(*encoding.set, i, interval);
+    (apart ? constant : other).segment.members.push_back(i);
   }
   if (constant.segment.members.size() < kLeastTier || other.segment.members.size() < kLeastTier) {
     return {{{place, std::move(tier.members)}, tier.importance, place.level}};
@@ -133,7 +134,7 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
       int tier = 0;
       for (Tier& members : tiers_of(whole.members, encoding.importance, bounds)) {
         for (Piece& piece :
-             pieces_of(whole.place, std::move(members), *encoding.set, parts[p].interval)) {
+             pieces_of(whole.place, std::move(members), encoding, parts[p].interval)) {
           SegmentEntry entry;
           entry.part = p;
           entry.base.level = piece.segment.place.level;

@@ -115,6 +115,32 @@ TEST_CASE("every primitive is stored exactly once, invisible ones only without l
   CHECK(std::set<std::uint32_t>(order.begin(), order.end()).size() == order.size());
 }
 
+TEST_CASE("a lossless segment is one tier, a packed one has what never changes apart") {
+  Scene scene = random_scene(3000, 1, 60, 4);
+  Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    set.time[i] = 30.0f;
+    set.sigma[i] = 1.0f;
+    set.radius[i] = 60.0f;
+    set.opacity_logit[i] = 2.0f;
+    for (std::size_t c = 0; c < 3; ++c) set.velocity[3 * i + c] = i % 2 == 0 ? 0.0f : 0.05f;
+  }
+  WriteSettings settings;
+  CHECK(written(scene, settings)->segments().size() == 1);
+  settings.profile = Profile::kQuantised;
+  settings.tiers = 1;
+  const auto reader = written(scene, settings);
+  REQUIRE(reader->segments().size() == 2);
+  const auto still = reader->decode(0), moving = reader->decode(1);
+  REQUIRE(still.ok());
+  REQUIRE(moving.ok());
+  CHECK(std::all_of(still->velocity.begin(), still->velocity.end(),
+                    [](float u) { return u == 0.0f; }));
+  CHECK(moving->size() == 1500);
+  CHECK(std::none_of(moving->velocity.begin(), moving->velocity.end(),
+                     [](float u) { return u == 0.0f; }));
+}
+
 TEST_CASE("segments follow each other in the file by beginning, the longer first") {
   WriteSettings settings;
   settings.chunk_seconds = 0.5;

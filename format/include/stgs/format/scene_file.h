@@ -162,7 +162,7 @@ struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // the timeline's chunk C; 0: chosen for the lifespans of the scene
   int quality = 85;          // 0..100, quantised profile only
-  int tiers = 3;             // 1..16, quantised profile only: parts of a segment by importance
+  int tiers = 3;             // 1..16, quantised profile only: of the scene, by importance
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must
