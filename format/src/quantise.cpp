@@ -14,10 +14,14 @@ namespace stgs {
 namespace {
 
 constexpr int kDefaultQuality = 85;
-constexpr double kDeadZone = 0.15;        // of a step, harmonics above degree 0
-constexpr double kEvenOpacity = -7.0;     // octaves: opacity that a constant lifespan may be off
+constexpr double kEvenOpacity = -5.0;     // octaves: opacity that a constant lifespan may be off
 constexpr double kImportancePower = 0.3;  // of a step, by importance: measured, not the ideal 0.5
 constexpr double kMostOctaves = 3.0;      // that importance makes a step finer or coarser
+// Steps as shares of a bound on where a primitive lies; each takes half of it. A position is off by
+// half the diagonal of a step. A displacement too, over 2^E ticks of a life L < 2^(E+1) that is
+// seen for at most 1.18 L from T on, where its opacity falls to 1/255 (spec 7.5.4).
+constexpr double kPositionShare = 0.5 / 0.867;
+constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
@@ -204,17 +208,11 @@ std::vector<float> decoded_log_scales(const Integers& integers) {
   return out;
 }
 
-// A little towards 0 before rounding: more zeros for less than they cost (spec 8.6).
-double towards_zero(double x, int exponent) {
-  return std::copysign(std::max(0.0, std::abs(x) - kDeadZone * power_of_two(exponent)), x);
-}
-
 // Luma and two chroma integers for each coefficient, zero-centred (spec 7.5.6).
 Integers colour(const Gaussians4D& part, Attribute attribute, int exponent) {
   const auto components = static_cast<std::size_t>(components_of(attribute));
   const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
-  const bool dead_zone = attribute != Attribute::kSh0;
   Integers out = begin(attribute, Mapping::kColour, exponent, static_cast<int>(components), n);
   for (std::size_t c = 0; c < components; c += 3) {
     for (std::size_t i = 0; i < n; ++i) {
@@ -223,8 +221,7 @@ Integers colour(const Gaussians4D& part, Attribute attribute, int exponent) {
       const double planes[3] = {0.25 * (r + 2.0 * g + b), 0.5 * (r - b), 0.25 * (2.0 * g - r - b)};
       for (std::size_t k = 0; k < 3; ++k) {
         out.values[(c + k) * n + i] = static_cast<std::uint32_t>(
-            std::clamp(nearest(dead_zone ? towards_zero(planes[k], exponent) : planes[k], exponent),
-                       -kMaxInteger / 4, kMaxInteger / 4));
+            std::clamp(nearest(planes[k], exponent), -kMaxInteger / 4, kMaxInteger / 4));
       }
     }
   }
@@ -298,7 +295,8 @@ void make_constant(const Interval& interval, double still, double even, std::siz
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
-                     std::uint32_t frames, int quality) {
+                     std::uint32_t frames, double quality, double max_error)
+    : max_error_(max_error) {
   // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
   coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   importance_ = mean_of(importance);
@@ -316,15 +314,22 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
   const auto exponent = [this](double at_85) {
     return static_cast<int>(std::floor(at_85 + coarser_));
   };
-  steps_.time = std::max(exponent(-3.0 + 0.2), exponent_for(latest * 1.000001, 23));
-  steps_.lifespan_shift = std::clamp(exponent(20.0 + 0.4), 16, 22);
-  steps_.opacity = exponent(-2.0 + 0.1);
+  steps_.time = std::max(exponent(-2.0 + 0.2), exponent_for(latest * 1.000001, 23));
+  steps_.lifespan_shift = std::clamp(exponent(21.0 + 0.4), 16, 22);
+  steps_.opacity = exponent(-2.0 + 0.6);
+}
+
+int Quantiser::bounded(double exponent, double share) const {
+  const auto rounded = static_cast<int>(std::lround(exponent));
+  if (max_error_ == 0.0) return rounded;
+  return std::min(rounded, static_cast<int>(std::floor(std::log2(max_error_ * share))));
 }
 
 Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
                                       std::span<const PartRange> parts) const {
   Gaussians4D out = set;
-  const double still = std::exp2(steps_.displacement + coarser_ - 1.0);
+  double still = std::exp2(steps_.displacement + coarser_);
+  if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
   const double even = std::exp2(kEvenOpacity + coarser_);
   for (const PartRange& part : parts) {
     for (std::uint32_t i = part.first; i < part.last; ++i) {
@@ -333,7 +338,11 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
   }
   const int shift = steps_.lifespan_shift;
   for (std::size_t i = 0; i < out.size(); ++i) {
-    out.time[i] = on_grid(out.time[i], steps_.time);
+    const float time = on_grid(out.time[i], steps_.time);
+    for (std::size_t c = 0; c < 3; ++c) {  // where it is then
+      out.position[3 * i + c] += out.velocity[3 * i + c] * (time - out.time[i]);
+    }
+    out.time[i] = time;
     out.opacity_logit[i] =
         on_grid(std::clamp(out.opacity_logit[i], -kLogitLimit, kLogitLimit), steps_.opacity);
     const float sigma = std::clamp(out.sigma[i], kSigmaMin, kSigmaMax);
@@ -355,11 +364,11 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
   const Extent extent = extent_of(set, &members);
   GroupSteps out;
   // One value less than 2^21, because the origin is rounded down.
-  out.position =
-      std::max(exponent(steps_.position), exponent_for(extent.largest() * 1.000001, kMortonBits));
+  out.position = std::max(bounded(steps_.position + coarser, kPositionShare),
+                          exponent_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
-  out.displacement = exponent(steps_.displacement);
+  out.displacement = bounded(steps_.displacement + coarser, kDisplacementShare);
   out.log_scale = exponent(steps_.log_scale);
   out.rotation = std::clamp(exponent(steps_.rotation), kFinestRotation, kCoarsestRotation);
   for (int band = 0; band < 4; ++band) out.sh[band] = exponent(steps_.sh[band]);

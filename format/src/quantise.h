@@ -36,9 +36,11 @@ struct GroupSteps {
 class Quantiser {
  public:
   // Chooses the steps for a whole set; quality 0..100. `importance` (N): how much each primitive
-  // adds to pictures, see Scene::importance.
+  // adds to pictures, see Scene::importance. `max_error`: how far, in scene units, a primitive may
+  // come to lie from where it was, at any moment at which it is seen; 0: as far as quality has it.
+  // It is kept where 21 bits for the extent of a layout's positions are enough.
   Quantiser(const Gaussians4D& set, std::span<const float> importance, std::uint32_t frames,
-            int quality);
+            double quality, double max_error);
 
   // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
   // its interval and stands still there gets one constant lifespan, which costs next to nothing.
@@ -57,7 +59,11 @@ class Quantiser {
   float position_step() const;
 
  private:
+  // Of these steps, not more than the bound allows.
+  int bounded(double exponent, double share) const;
+
   Steps steps_;
+  double max_error_ = 0;       // scene units; 0: no bound
   double coarser_ = 0;         // octaves, of the quality
   double importance_ = 0;      // mean over the set
   int coarsest_position_ = 0;  // exponent that the whole set's extent needs

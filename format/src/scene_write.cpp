@@ -20,7 +20,7 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
         "a scene needs a time base and at least one frame (it has {} frames of {}/{} s)",
         metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator);
   }
-  if (settings.quality < 0 || settings.quality > 100) {
+  if (!(settings.quality >= 0 && settings.quality <= 100)) {
     return usage_error("quality {} is not in 0..100", settings.quality);
   }
   if (settings.tiers < 1 || settings.tiers > kMostTiers) {
@@ -200,7 +200,8 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     importance = scene.importance.empty()
                      ? importance_by_size(scene.gaussians, scene.metadata.frames)
                      : scene.importance;
-    quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality);
+    quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality,
+                      settings.max_error);
     // Segments follow from what a decoder will see.
     snapped = quantiser->snap_lifespans(scene.gaussians, parts);
     encoding.set = &snapped;

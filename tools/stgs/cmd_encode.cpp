@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 
 #include "command.h"
@@ -71,8 +72,11 @@ class Encode final : public Command {
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     STGS_TRY(train_to_file(capture, trained, train_.report(), training, session, train_report));
     seconds[1] = lap();
-    STGS_TRY(
-        encoder::pack({trained}, output_, pack_.settings(), &pack_report, session.progress_sink()));
+    encoder::PackSettings packing = pack_.settings();
+    const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
+                                      [](const encoder::Camera& camera) { return camera.test; });
+    if (held_out) packing.against = prepared;
+    STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);
   }
@@ -94,11 +98,11 @@ class Encode final : public Command {
     return session.emit(
         json,
         fmt::format("{}: {} primitives ({} never visible left out), {}, {:.1f} bytes a primitive\n"
-                    "prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
+                    "{}prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
                     "{}\n",
                     output_, pack.primitives, pack.dropped, human_bytes(pack.bytes_out),
-                    pack.bytes_per_primitive, seconds[0], seconds[1], train.iterations, seconds[2],
-                    human_bytes(peak_memory())));
+                    pack.bytes_per_primitive, loss_text(pack), seconds[0], seconds[1],
+                    train.iterations, seconds[2], human_bytes(peak_memory())));
   }
 
   std::string capture_, output_, keep_work_;

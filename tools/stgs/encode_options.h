@@ -72,7 +72,8 @@ class PackOptions {
   encoder::PackSettings settings() const;
 
  private:
-  int quality_ = encoder::PackSettings{}.quality, tiers_ = encoder::PackSettings{}.tiers;
+  double quality_ = encoder::PackSettings{}.quality, target_kbps_ = 0, max_error_ = 0;
+  int tiers_ = encoder::PackSettings{}.tiers;
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
 };
 
@@ -85,6 +86,8 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
 // The report of a stage, as the verb of that stage prints it.
 Json to_json(const encoder::TrainReport& report);
 Json to_json(const encoder::PackReport& report);
+// One line for a person: quality, bit rate and loss.
+std::string loss_text(const encoder::PackReport& report);
 
 // Trains and writes the lossless scene to `output`, and a report into a folder unless it is "".
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,

@@ -9,9 +9,20 @@ namespace stgs::tools {
 
 void PackOptions::declare(CLI::App& app) {
   const char* group = "Packing";
-  app.add_option("--quality", quality_, "0 (smallest) to 100 (nearest to what was trained)")
-      ->check(number_between(0, 100))
-      ->capture_default_str()
+  auto* quality =
+      app.add_option("--quality", quality_, "0 (smallest) to 100 (nearest to what was trained)")
+          ->check(number_between(0, 100))
+          ->capture_default_str()
+          ->group(group);
+  app.add_option("--target-kbps", target_kbps_,
+                 "Instead: the best quality whose mean bit rate is not above this, kbit/s")
+      ->check(number_between(0.001, 1e9))
+      ->excludes(quality)
+      ->group(group);
+  app.add_option("--max-error", max_error_,
+                 "No primitive lies farther from where it was at any moment than this, in\n"
+                 "thousandths of a scene unit: mm, where that is a metre")
+      ->check(number_between(1e-6, 1e9))
       ->group(group);
   app.add_option("--chunk", chunk_seconds_,
                  "Shortest segment of the timeline, seconds; chosen for the scene's lifespans "
@@ -28,10 +39,21 @@ void PackOptions::declare(CLI::App& app) {
 encoder::PackSettings PackOptions::settings() const {
   encoder::PackSettings settings;
   settings.quality = quality_;
+  settings.target_kbps = target_kbps_;
+  settings.max_error = max_error_;
   settings.tiers = tiers_;
   settings.chunk_seconds = chunk_seconds_;
   return settings;
 }
+
+namespace {
+
+Json held_out_json(const std::optional<encoder::HeldOutScore>& score) {
+  if (!score) return nullptr;
+  return {{"psnr", score->psnr}, {"psnr_cc", score->psnr_cc}, {"pictures", score->pictures}};
+}
+
+}  // namespace
 
 Json to_json(const encoder::PackReport& report) {
   Json parts = Json::array();
@@ -48,11 +70,30 @@ Json to_json(const encoder::PackReport& report) {
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
           {"bytes_per_primitive", report.bytes_per_primitive},
+          {"quality", report.quality},
+          {"kbps", report.kbps},
+          {"pictures_psnr", report.pictures_psnr ? Json(*report.pictures_psnr) : Json(nullptr)},
+          {"held_out",
+           {{"before", held_out_json(report.held_out_before)},
+            {"after", held_out_json(report.held_out_after)}}},
           {"errors",
            {{"position_max", report.position_max},
             {"position_rms", report.position_rms},
             {"colour_rms", report.colour_rms},
             {"opacity_max", report.opacity_max}}}};
+}
+
+std::string loss_text(const encoder::PackReport& report) {
+  std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
+  out += report.pictures_psnr
+             ? fmt::format("its pictures are {:.1f} dB from the scene's", *report.pictures_psnr)
+             : std::string("no start camera, so its pictures were not compared");
+  if (report.held_out_before && report.held_out_after) {
+    const double before = report.held_out_before->psnr, after = report.held_out_after->psnr;
+    out += fmt::format("; held-out pictures {:.2f} dB, before {:.2f}: packing cost {:.2f} dB",
+                       after, before, before - after);
+  }
+  return out + "\n";
 }
 
 }  // namespace stgs::tools

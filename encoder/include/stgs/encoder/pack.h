@@ -2,9 +2,11 @@
 // From a lossless scene to a compressed .stgs file.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "stgs/encoder/held_out.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
@@ -12,9 +14,15 @@
 namespace stgs::encoder {
 
 struct PackSettings {
-  int quality = 85;          // 0..100
+  double quality = 85;     // 0..100; not looked at where there is a target_kbps
+  double target_kbps = 0;  // mean bit rate not to be passed, thousands of bits a second; 0: none
+  // How far a primitive may come to lie from where it was at any moment at which it is seen, in
+  // thousandths of a scene unit (millimetres, where that is a metre); 0: as quality has it.
+  double max_error = 0;
   double chunk_seconds = 0;  // 0: chosen for the lifespans of the scene
   int tiers = 3;             // 1..16
+  // A prepared capture: the loss is measured on its test cameras too. Empty: none. For one scene.
+  std::string against;
 };
 
 // A merged window: the frames at which its primitives are drawn.
@@ -30,17 +38,26 @@ struct PackReport {
   std::uint64_t dropped = 0;     // never visible within the clip
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
+  double quality = 0;             // that it was packed with
+  double kbps = 0;                // mean bit rate
   std::vector<PackedPart> parts;  // in the order of time; empty for one scene
   // Largest and root-mean-square errors of what was written, measured by decoding it.
-  double position_max = 0, position_rms = 0;  // scene units
-  double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
-  double opacity_max = 0;                     // 0..1
+  double position_max = 0;  // scene units, at any moment at which the primitive is seen
+  double position_rms = 0;  // at the primitive's own time
+  double colour_rms = 0;    // of the degree-0 colour, sRGB-encoded, 0..1
+  double opacity_max = 0;   // 0..1
+  // PSNR of its pictures against the scene's, dB (src/pack/picture_loss.h); none without a start
+  // camera.
+  std::optional<double> pictures_psnr;
+  // On the test cameras of PackSettings::against: the scene and what was written.
+  std::optional<HeldOutScore> held_out_before, held_out_after;
 };
 
 // Reads a scene, or the windows of a capture, which are merged (windows.h); writes it quantised
 // (atomically), decodes the result and reports its errors; `report` may be null. Stage "pack";
-// where `progress` says to stop, nothing is written (kRuntime). A scene that is quantised already
-// is packed with a warning: its errors stay, new ones come.
+// where `progress` says to stop, nothing is written (kRuntime). kUsage where nothing is small
+// enough for target_kbps, kUnsupported where positions cannot keep max_error. A scene that is
+// quantised already is packed with a warning: its errors stay, new ones come.
 Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
             const LogSink& log = {});

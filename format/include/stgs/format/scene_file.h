@@ -161,8 +161,11 @@ enum class SceneCoder {
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // the timeline's chunk C; 0: chosen for the lifespans of the scene
-  int quality = 85;          // 0..100, quantised profile only
-  int tiers = 3;             // 1..16, quantised profile only: of the scene, by importance
+  double quality = 85;       // 0..100, quantised profile only
+  // Quantised profile: how far a primitive may come to lie from where it was, scene units, at any
+  // moment at which it is seen; 0: as far as quality has it.
+  double max_error = 0;
+  int tiers = 3;  // 1..16, quantised profile only: of the scene, by importance
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must

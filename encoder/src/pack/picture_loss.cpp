@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "pack/picture_loss.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include "stgs/encoder/metrics.h"
+#include "stgs/format/math/surface.h"
+#include "stgs/format/raster.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr float kLargestSide = 1280.0f;  // pixels
+constexpr float kYaw = 0.14f;            // radians: 8 degrees
+constexpr float kPitch = 0.07f;
+
+struct Sketch {
+  SplatFrame frame;
+  RasterOutput output;
+};
+
+// What of the scene is drawn at t: the primitives of the parts that have this moment.
+void draw(const Scene& scene, float t, const math::PinholeCamera& camera, Sketch& sketch) {
+  RasterSettings settings;
+  const float* b = scene.metadata.background;
+  settings.background = {b[0], b[1], b[2]};
+  begin_frame(camera, sketch.frame);
+  if (scene.parts.size() < 2) {
+    slice(scene.gaussians, t, camera, settings, 0, sketch.frame);
+  } else {
+    std::vector<std::uint32_t> drawn;
+    std::uint32_t first = 0;
+    for (const ScenePart& part : scene.parts) {
+      const auto n = static_cast<std::uint32_t>(part.primitives);
+      if (part.begin_ticks <= t && t < part.end_ticks) {
+        drawn.resize(drawn.size() + n);
+        std::iota(drawn.end() - n, drawn.end(), first);
+      }
+      first += n;
+    }
+    slice(scene.gaussians, drawn, t, camera, settings, 0, sketch.frame);
+  }
+  bin(sketch.frame);
+  blend(sketch.frame, settings, sketch.output);
+  for (float& v : sketch.output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
+}
+
+math::PinholeCamera pinhole_of(const SceneMetadata& metadata) {
+  const StartCamera& start = *metadata.start_camera;
+  math::PinholeCamera out{};
+  const float scale =
+      std::min(1.0f, kLargestSide / static_cast<float>(std::max({start.width, start.height, 1u})));
+  out.width = std::max(1.0f, std::floor(scale * static_cast<float>(start.width)));
+  out.height = std::max(1.0f, std::floor(scale * static_cast<float>(start.height)));
+  out.fx = scale * start.fx;
+  out.fy = scale * start.fy;
+  out.cx = scale * start.cx;
+  out.cy = scale * start.cy;
+  out.near_plane = metadata.near_plane;
+  const float* r = start.rotation;
+  out.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
+  out.translation = {start.translation[0], start.translation[1], start.translation[2]};
+  return out;
+}
+
+// Median depth of the pixels that show more of the scene than of the background.
+float depth_in_view(const RasterOutput& output, float near_plane) {
+  std::vector<float> depths;
+  for (std::size_t i = 0; i < output.depth.data.size(); ++i) {
+    if (output.alpha.data[i] > 0.5f) depths.push_back(output.depth.data[i]);
+  }
+  if (depths.empty()) return 10.0f * near_plane;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+// The camera after a turn about its own axes around the point at `depth` before it.
+math::PinholeCamera gone_around(math::PinholeCamera camera, float yaw, float pitch, float depth) {
+  const float cy = std::cos(yaw), sy = std::sin(yaw), cp = std::cos(pitch), sp = std::sin(pitch);
+  const math::Mat3 turn = {cy, 0.0f, sy, sp * sy, cp, -sp * cy, -cp * sy, sp, cp * cy};
+  const auto turned = [&](int column) {
+    return math::mat3_mul(turn, math::mat3_column(camera.rotation, column));
+  };
+  camera.rotation = math::mat3_of_columns(turned(0), turned(1), turned(2));
+  const math::Vec3 t = camera.translation;
+  camera.translation = math::mat3_mul(turn, {t.x, t.y, t.z - depth});
+  camera.translation.z += depth;
+  return camera;
+}
+
+}  // namespace
+
+std::optional<double> picture_loss(const Scene& scene, const Scene& packed) {
+  if (!scene.metadata.start_camera) return std::nullopt;
+  const math::PinholeCamera start = pinhole_of(scene.metadata);
+  Sketch before, after;
+  float depth = 0.0f;
+  double error = 0.0;
+  for (int i = 0; i < kLossPictures; ++i) {
+    const double moment = (i + 0.5) / kLossPictures * scene.metadata.frames;
+    const auto t = static_cast<float>(std::floor(moment));
+    const float side = (i / 2) % 2 == 0 ? 1.0f : -1.0f;
+    const bool around = i % 2 == 1;
+    const auto camera =
+        around ? gone_around(start, side * kYaw, (i / 4 == 0 ? kPitch : -kPitch), depth) : start;
+    draw(scene, t, camera, before);
+    if (!around) depth = depth_in_view(before.output, start.near_plane);
+    draw(packed, t, camera, after);
+    error += mean_squared_error(before.output.colour, after.output.colour) / kLossPictures;
+  }
+  return psnr_of(error);
+}
+
+}  // namespace stgs::encoder
