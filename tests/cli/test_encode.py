@@ -38,6 +38,22 @@ class Packing(CliTest):
         self.assertLess(low["bytes_out"], high["bytes_out"])
         self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
 
+    def test_pack_to_a_rate_and_an_error(self):
+        tiny = self.fixture("tiny.stgs")
+        free = self.json_of("pack", tiny, "-o", "free.stgs")
+        self.assertEqual(free["quality"], 85)
+        self.assertEqual(free["held_out"], {"before": None, "after": None})
+        report = self.json_of("pack", tiny, "-o", "o.stgs", "--target-kbps",
+                              str(0.9 * free["kbps"]), "--max-error", "2")
+        self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
+        self.assertLess(report["quality"], 85)
+        self.assertLessEqual(report["errors"]["position_max"], 0.002)
+        self.fails(USAGE, "kbit/s is too little", "pack", tiny, "-o", "none.stgs",
+                   "--target-kbps", "0.1")
+        self.assertFalse(os.path.exists(self.path("none.stgs")))
+        self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
+                   "--quality", "10")
+
     def test_packing_what_is_packed_is_warned_of(self):
         first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
         self.assertNotIn(b"warning", first.stderr)

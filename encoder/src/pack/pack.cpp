@@ -14,28 +14,24 @@
 namespace stgs::encoder {
 namespace {
 
-// Errors of `decoded`, whose primitive i was primitive order[i] of `original`.
+// Errors of colours and opacities of `decoded`, whose primitive i was primitive order[i] of
+// `original`.
 void measure(const Gaussians4D& original, const Gaussians4D& decoded,
              const std::vector<std::uint32_t>& order, PackReport& report) {
   const auto sh_stride = static_cast<std::size_t>(3 * original.sh_coefficients());
-  double position_sum = 0.0, colour_sum = 0.0;
+  double colour_sum = 0.0;
   for (std::size_t i = 0; i < order.size(); ++i) {
     const std::size_t j = order[i];
-    double squared = 0.0;
     for (std::size_t c = 0; c < 3; ++c) {
-      const double dx = decoded.position[3 * i + c] - double{original.position[3 * j + c]};
       const double dc = double{math::kSh00} *
                         (decoded.sh[i * sh_stride + c] - double{original.sh[j * sh_stride + c]});
-      squared += dx * dx;
       colour_sum += dc * dc;
     }
-    position_sum += squared;
     const double opacity_error = std::abs(double{math::opacity_of(decoded.opacity_logit[i])} -
                                           math::opacity_of(original.opacity_logit[j]));
     report.opacity_max = std::max(report.opacity_max, opacity_error);
   }
   const double n = std::max<double>(1.0, static_cast<double>(order.size()));
-  report.position_rms = std::sqrt(position_sum / n);
   report.colour_rms = std::sqrt(colour_sum / (3.0 * n));
 }
 
@@ -125,7 +121,8 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
       static_cast<double>(packed.bytes.size()) / std::max(1.0, primitives);
   report->quality = packed.quality;
   report->kbps = kbps_of(packed.bytes.size(), scene.metadata);
-  report->position_max = packed.position_error;
+  report->position_max = packed.position_max;
+  report->position_rms = packed.position_rms;
   measure(scene.gaussians, packed.decoded.gaussians, packed.order, *report);
   return {};
 }

@@ -13,8 +13,8 @@ namespace {
 constexpr int kRateSteps = 8;      // a unit of quality
 constexpr int kTighterBounds = 4;  // attempts at an error that the first bound does not keep
 
-double largest_error(const Scene& scene, const Packed& packed) {
-  double largest = 0.0;
+void measure_positions(const Scene& scene, Packed& packed) {
+  double largest = 0.0, squares = 0.0;
   std::uint64_t part_end = 0;
   std::size_t part = 0;
   const auto frames = static_cast<double>(scene.metadata.frames);
@@ -25,10 +25,14 @@ double largest_error(const Scene& scene, const Packed& packed) {
       begin = packed.decoded.parts[part - 1].begin_ticks;
       end = packed.decoded.parts[part - 1].end_ticks;
     }
-    largest = std::max(largest, trajectory_error(scene.gaussians, packed.order[i],
-                                                 packed.decoded.gaussians, i, begin, end));
+    const double error =
+        trajectory_error(scene.gaussians, packed.order[i], packed.decoded.gaussians, i, begin, end);
+    largest = std::max(largest, error);
+    squares += error * error;
   }
-  return largest;
+  packed.position_max = largest;
+  packed.position_rms =
+      std::sqrt(squares / std::max(1.0, static_cast<double>(packed.order.size())));
 }
 
 WriteSettings write_settings(const PackSettings& settings, double quality) {
@@ -44,7 +48,7 @@ WriteSettings write_settings(const PackSettings& settings, double quality) {
 // Decoded before it is published: a file that pack leaves behind has been read once.
 Status decode(const Scene& scene, Packed& packed) {
   STGS_ASSIGN(packed.decoded, read_scene(memory_source(packed.bytes, "the packed scene")));
-  packed.position_error = largest_error(scene, packed);
+  measure_positions(scene, packed);
   return {};
 }
 
@@ -59,13 +63,13 @@ Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double 
     packed.order.clear();
     STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
     STGS_TRY(decode(scene, packed));
-    if (bound == 0.0 || packed.position_error <= bound) return packed;
+    if (bound == 0.0 || packed.position_max <= bound) return packed;
   }
   return unsupported(
       "primitives within {:g} thousandths of a scene unit are asked for, and {:.3g} is the best "
       "that positions of 21 bits reach over this scene: ask for that, or cut away what lies far "
       "out",
-      settings.max_error, 1000.0 * packed.position_error);
+      settings.max_error, 1000.0 * packed.position_max);
 }
 
 }  // namespace
@@ -104,8 +108,9 @@ Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
   while (high - low > 1) {
     STGS_TRY(go_on());
     const int middle = low + (high - low) / 2;
-    STGS_ASSIGN(const std::vector<std::uint8_t> bytes,
-                encode_scene(scene, write_settings(settings, static_cast<double>(middle) / kRateSteps)));
+    STGS_ASSIGN(
+        const std::vector<std::uint8_t> bytes,
+        encode_scene(scene, write_settings(settings, static_cast<double>(middle) / kRateSteps)));
     const double kbps = kbps_of(bytes.size(), scene.metadata);
     if (middle == 0) least = kbps;
     (kbps <= settings.target_kbps ? low : high) = middle;

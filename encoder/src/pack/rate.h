@@ -16,8 +16,8 @@ struct Packed {
   std::vector<std::uint8_t> bytes;   // of the file
   std::vector<std::uint32_t> order;  // for each primitive of the file its index in the scene
   Scene decoded;
-  double quality = 0;         // 0..100, that it was packed with
-  double position_error = 0;  // the greatest, see trajectory_error
+  double quality = 0;                         // 0..100, that it was packed with
+  double position_max = 0, position_rms = 0;  // of the primitives' trajectory_error
 };
 
 // Packs as the settings say: at their quality; or at the greatest, in steps of 1/8, that takes no

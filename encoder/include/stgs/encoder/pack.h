@@ -42,10 +42,9 @@ struct PackReport {
   double kbps = 0;                // mean bit rate
   std::vector<PackedPart> parts;  // in the order of time; empty for one scene
   // Largest and root-mean-square errors of what was written, measured by decoding it.
-  double position_max = 0;  // scene units, at any moment at which the primitive is seen
-  double position_rms = 0;  // at the primitive's own time
-  double colour_rms = 0;    // of the degree-0 colour, sRGB-encoded, 0..1
-  double opacity_max = 0;   // 0..1
+  double position_max = 0, position_rms = 0;  // scene units, at the moment where it is greatest
+  double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
+  double opacity_max = 0;                     // 0..1
   // PSNR of its pictures against the scene's, dB (src/pack/picture_loss.h); none without a start
   // camera.
   std::optional<double> pictures_psnr;
