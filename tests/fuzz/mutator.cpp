@@ -156,8 +156,8 @@ class Mutation {
         bytes_.insert(bytes_.begin() + at(b.end), copy.begin(), copy.end());
         break;
       default:
-        if (a.begin < b.end && b.begin < a.end) return;  // the same, or one within the other
         const Unit first = a.begin < b.begin ? a : b, second = a.begin < b.begin ? b : a;
+        if (second.begin < first.end) return;  // the same, or one within the other
         std::rotate(bytes_.begin() + at(first.begin), bytes_.begin() + at(first.end),
                     bytes_.begin() + at(second.end));
     }
