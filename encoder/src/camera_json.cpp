@@ -34,7 +34,8 @@ void read_numbers(const Json& json, const char* name, std::span<double> out) {
 int read_side(const Json& json, const char* name) {
   const auto value = json.at(name).get<double>();
   if (value >= 0 && value <= kMaxPictureSide) return static_cast<int>(value);
-  throw std::runtime_error(fmt::format("width and height must be 1 to {}", kMaxPictureSide));
+  throw std::runtime_error(
+      fmt::format("{} is {}, not 1 to {} pixels", name, value, kMaxPictureSide));
 }
 
 }  // namespace

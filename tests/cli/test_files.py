@@ -137,7 +137,7 @@ class WrongCaptures(CliTest):
             (INVALID, "has no cameras", changed(cameras=[])),
             (INVALID, "has no frames", changed(frames=0)),
             (INVALID, "time_base has a zero", changed(time_base=[0, 30])),
-            (INVALID, "camera 'a' is of -4x48 pixels", changed(cameras=[{**camera, "width": -4}])),
+            (INVALID, "'a': width is -4, not 1 to 32768", changed(cameras=[{**camera, "width": -4}])),
             (INVALID, "rotation needs 9", changed(cameras=[{**camera, "rotation": [1, 0]}])),
             (INVALID, "cannot be a camera's folder",
              changed(cameras=[{**camera, "name": "../../etc"}])),
