@@ -174,7 +174,7 @@ class WrongCaptures(CliTest):
             ("not a camera: .*width", "{}"),
             ("not a camera", "{"),
             ("fx and fy must be positive", json.dumps({**good, "fx": 0})),
-            ("width and height must be 1 to 32768", json.dumps({**good, "height": 1000000})),
+            ("height is 1000000, not 1 to 32768", json.dumps({**good, "height": 1000000})),
             ("not a rotation matrix", json.dumps({**good, "rotation": [2] * 9})),
             ("not a rotation matrix", json.dumps({**good, "rotation": [1, 0, 0, 0, 1, 0, 0, 0,
                                                                        -1]})),
