@@ -7,13 +7,13 @@ DensifyPlan densify_plan(const HyperParameters& p, const Ablation& ablation, dou
                          bool interval) {
   DensifyPlan plan;
   const bool begun = share >= p.densify_from;
+  plan.second_stage = share >= p.stage1_until;
   if (!ablation.densification) {
     plan.gather = share < p.plain_until;
     plan.grow = interval && begun && plan.gather;
     plan.resets_due = p.plain_reset > 0 ? static_cast<int>(share / p.plain_reset) : 0;
     return plan;
   }
-  plan.second_stage = share >= p.stage1_until;
   plan.gather = share < p.densify_until;
   const bool now = interval && begun && plan.gather;
   plan.grow = now && !plan.second_stage;

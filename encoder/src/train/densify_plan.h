@@ -8,11 +8,13 @@
 namespace stgs::encoder {
 
 struct DensifyPlan {
-  bool grow = false;          // now
-  bool replace = false;       // now
-  bool gather = false;        // statistics are wanted in the step at this share
-  bool second_stage = false;  // N is frozen (paper 3.2)
-  int resets_due = 0;         // opacity resets so far, where grow
+  bool grow = false;     // now
+  bool replace = false;  // now
+  bool gather = false;   // statistics are wanted in the step at this share
+  // L_opacity is on (paper 3.4) and N is frozen (paper 3.2); the second not where the densification
+  // is ablated.
+  bool second_stage = false;
+  int resets_due = 0;  // opacity resets so far, where grow
 };
 
 // `share` of the iterations are done, [0, 1]; `interval` where the iteration is one of every

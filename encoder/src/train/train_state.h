@@ -73,7 +73,7 @@ struct TrainState {
   std::vector<std::uint32_t> colour_updates;
 
   std::uint64_t iteration = 0;
-  std::uint32_t second_stage = 0;    // 1: N is frozen
+  std::uint32_t second_stage = 0;    // 1: L_opacity is on
   std::uint32_t opacity_resets = 0;  // done so far
   double seconds = 0;                // spent so far
   double mean_loss = 0;              // running mean
