@@ -21,7 +21,7 @@ mkdir -p "$out"
 start=$(date +%s)
 
 step "encode: 9 cameras, 20 frames -> one file"
-run "$stgs" encode "$sample" -o "$out/workshop.stgs" --preset fast --keep-work "$out/work"
+run "$stgs" encode "$sample" -o "$out/workshop.stgs" --preset fast --quality 90 --keep-work "$out/work"
 
 step "validate"
 run "$stgs" validate "$out/workshop.stgs"
