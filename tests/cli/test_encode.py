@@ -54,6 +54,20 @@ class Packing(CliTest):
         self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
                    "--quality", "10")
 
+    def test_pack_measures_on_the_capture_of_the_scene_alone(self):
+        prepared = self.fixture("prepared")
+        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "o.stgs", "--against",
+                              prepared)
+        held_out = report["held_out"]
+        self.assertGreater(held_out["before"]["psnr"], 0)
+        self.assertEqual(held_out["before"]["pictures"], held_out["after"]["pictures"])
+        for code, message, scene, against in (
+                (USAGE, "do not belong together", "longer.stgs", prepared),
+                (IO, "none", "tiny.stgs", "none")):
+            self.fails(code, message, "pack", self.fixture(scene), "-o", "none.stgs", "--against",
+                       against)
+            self.assertFalse(os.path.exists(self.path("none.stgs")))
+
     def test_packing_what_is_packed_is_warned_of(self):
         first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
         self.assertNotIn(b"warning", first.stderr)

@@ -132,7 +132,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto timeline, player::Timeline::open(file_));
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
     STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), file_));
-    STGS_TRY(check_match(timeline->metadata()));
+    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), file_));
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
@@ -142,17 +142,6 @@ class Evaluate final : public Command {
   }
 
  private:
-  Status check_match(const SceneMetadata& metadata) const {
-    if (static_cast<std::int64_t>(metadata.frames) != capture_.frames ||
-        !(metadata.time_base == capture_.time_base)) {
-      return usage_error(
-          "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", file_,
-          metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator, folder_,
-          capture_.frames, capture_.time_base.numerator, capture_.time_base.denominator);
-    }
-    return {};
-  }
-
   Status find_backgrounds(Session& session) {
     std::vector<int> frames;
     for (int i = 0; i < capture_.frames; i += every_) frames.push_back(i);

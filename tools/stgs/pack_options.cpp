@@ -87,7 +87,7 @@ std::string loss_text(const encoder::PackReport& report) {
   std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
   out += report.pictures_psnr
              ? fmt::format("its pictures are {:.1f} dB from the scene's", *report.pictures_psnr)
-             : std::string("no start camera, so its pictures were not compared");
+             : std::string("its pictures were not compared");
   if (report.held_out_before && report.held_out_after) {
     const double before = report.held_out_before->psnr, after = report.held_out_after->psnr;
     out += fmt::format("; held-out pictures {:.2f} dB, before {:.2f}: packing cost {:.2f} dB",

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "pack/picture_loss.h"
 #include "pack/rate.h"
@@ -67,18 +68,36 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
   return merged;
 }
 
-// How well the scene and what was made of it draw the test cameras.
-Status measure_held_out(const Scene& scene, const Scene& packed, const PackSettings& settings,
-                        PackReport& report) {
-  STGS_ASSIGN(const PreparedCapture whole, read_prepared_capture(settings.against));
-  STGS_ASSIGN(const PreparedCapture capture, shown_part(whole, scene.metadata, settings.against));
-  STGS_ASSIGN(const HeldOutViews views, HeldOutViews::load(capture));
-  if (views.empty()) return usage_error("{}: has no test cameras", settings.against);
-  const float* b = scene.metadata.background;
-  const math::Vec3 background{b[0], b[1], b[2]};
-  report.held_out_before = views.measure(scene.gaussians, background);
-  report.held_out_after = views.measure(packed.gaussians, background);
-  return {};
+// The test pictures of the capture that the scene is of.
+Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
+                                    const std::string& folder) {
+  if (scene.parts.size() > 1) {
+    return usage_error(
+        "the loss against a capture is measured for one scene, not for {} windows: use 'stgs "
+        "evaluate' on what is packed",
+        scene.parts.size());
+  }
+  STGS_ASSIGN(const PreparedCapture whole, read_prepared_capture(folder));
+  STGS_ASSIGN(const PreparedCapture capture, shown_part(whole, scene.metadata, name));
+  STGS_TRY(check_same_moments(capture, scene.metadata, name));
+  STGS_ASSIGN(HeldOutViews views, HeldOutViews::load(capture));
+  if (views.empty()) return usage_error("{}: has no test cameras", folder);
+  return views;
+}
+
+// What can be drawn is measured; the file is as good without.
+void measure_loss(const Scene& scene, const Scene& packed, const HeldOutViews* views,
+                  const LogSink& log, PackReport& report) {
+  try {
+    report.pictures_psnr = picture_loss(scene, packed);
+    if (views == nullptr) return;
+    const float* b = scene.metadata.background;
+    const math::Vec3 background{b[0], b[1], b[2]};
+    report.held_out_before = views->measure(scene.gaussians, background);
+    report.held_out_after = views->measure(packed.gaussians, background);
+  } catch (const std::length_error& error) {
+    if (log) log(1, fmt::format("the loss in pictures is not measured: {}", error.what()));
+  }
 }
 
 }  // namespace
@@ -90,20 +109,19 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
     if (!progress || progress({"pack", done, -1, detail})) return {};
     return runtime_error("{}: stopped while packing, nothing is written", output_path);
   };
-  if (!settings.against.empty() && scene_paths.size() > 1) {
-    return usage_error("the loss against a capture is measured for one scene, not for {} windows",
-                       scene_paths.size());
-  }
   STGS_TRY(go_on(0, "reading"));
   PackReport found;
   STGS_ASSIGN(const Scene scene, read_inputs(scene_paths, log, found));
+  std::optional<HeldOutViews> views;
+  if (!settings.against.empty()) {
+    STGS_ASSIGN(views, held_out_views(scene, scene_paths.front(), settings.against));
+  }
   STGS_TRY(go_on(0.1, "compressing"));
   double done = 0.1;  // the number of attempts is not known: each takes a part of what is left
   const auto next_attempt = [&] { return go_on(done += 0.15 * (0.8 - done), "compressing"); };
   STGS_ASSIGN(const Packed packed, pack_within(scene, settings, next_attempt));
   STGS_TRY(go_on(0.8, "measuring"));
-  found.pictures_psnr = picture_loss(scene, packed.decoded);
-  if (!settings.against.empty()) STGS_TRY(measure_held_out(scene, packed.decoded, settings, found));
+  measure_loss(scene, packed.decoded, views ? &*views : nullptr, log, found);
   STGS_TRY(go_on(0.95, "writing"));
   STGS_TRY(write_file_atomically(output_path, packed.bytes));
   // Too late to stop.

@@ -81,4 +81,16 @@ Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMe
   return window;
 }
 
+Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
+                          const std::string& name) {
+  if (static_cast<std::int64_t>(scene.frames) == shown.frames &&
+      scene.time_base == shown.time_base) {
+    return {};
+  }
+  return usage_error(
+      "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", name,
+      scene.frames, scene.time_base.numerator, scene.time_base.denominator, shown.folder,
+      shown.frames, shown.time_base.numerator, shown.time_base.denominator);
+}
+
 }  // namespace stgs::encoder

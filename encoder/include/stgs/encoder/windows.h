@@ -38,6 +38,10 @@ PreparedCapture whole_of(const PreparedCapture& window);
 Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMetadata& scene,
                                    const std::string& name);
 
+// Whether a scene has the moments of what a capture shows of it (shown_part); kUsage where not.
+Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
+                          const std::string& name);
+
 // What windows must have been trained with alike to be merged, as a number:
 // CaptureWindow::training. The hyper-parameters as they are used, however they were written, the
 // ablation, the time limit and the content of the perceptual loss's file; not the seed. Reads that
