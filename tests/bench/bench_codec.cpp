@@ -52,18 +52,7 @@ math::PinholeCamera camera_of(const SceneMetadata& metadata) {
     camera.cy = 240.0f;
     return camera;
   }());
-  math::PinholeCamera camera{};
-  const float* r = start.rotation;
-  camera.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
-  camera.translation = {start.translation[0], start.translation[1], start.translation[2]};
-  camera.fx = start.fx;
-  camera.fy = start.fy;
-  camera.cx = start.cx;
-  camera.cy = start.cy;
-  camera.width = static_cast<float>(start.width);
-  camera.height = static_cast<float>(start.height);
-  camera.near_plane = metadata.near_plane;
-  return camera;
+  return pinhole_of(start, metadata.near_plane);
 }
 
 double psnr(const Scene& a, const Scene& b) {

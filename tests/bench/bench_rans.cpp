@@ -4,16 +4,17 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <random>
 
+#include "least_time.h"
 #include "rans.h"
 #include "vector_targets.h"
 
 using namespace stgs;
+using namespace stgs::bench;
 
 namespace {
 
@@ -38,30 +39,10 @@ std::vector<std::uint8_t> symbols_of(std::size_t n, double entropy) {
   return out;
 }
 
-// The least of the runs in 0.2 s.
-template <typename Work>
-double seconds(Work work) {
-  using Clock = std::chrono::steady_clock;
-  const auto begin = Clock::now();
-  double best = 1e30;
-  do {
-    const auto start = Clock::now();
-    work();
-    best = std::min(best, std::chrono::duration<double>(Clock::now() - start).count());
-  } while (Clock::now() - begin < std::chrono::milliseconds(200));
-  return best;
-}
-
-// Millions a second.
-template <typename Work>
-double speed(std::size_t symbols, Work work) {
-  return std::round(static_cast<double>(symbols) / seconds(work) / 1e5) / 10.0;
-}
-
 double decode_speed(std::span<const std::uint8_t> bytes, std::size_t n, const RansLookup& lookup,
                     bool scalar) {
   std::vector<std::uint8_t> out(n);
-  return speed(n * kPlanes, [&] {
+  return millions_a_second(n * kPlanes, [&] {
     auto decoder = RansGroupDecoder::open(bytes, n, scalar);
     for (std::size_t p = 0; p < kPlanes; ++p) decoder->next_plane(lookup, out.data());
     if (!decoder->finish()) std::abort();
@@ -85,9 +66,10 @@ nlohmann::json measure(std::size_t n, double entropy) {
       {"table_bits_a_symbol", rans_cost(table, counts) / static_cast<double>(n)},
       {"stored_bits_a_symbol", 8.0 * static_cast<double>(bytes->size()) / size},
       {"table_bytes", stored.size()},
-      {"encode_msymbols_per_s", speed(n * kPlanes, [&] { (void)rans_encode(planes, n); })},
-      {"table_us", 1e6 * seconds([&] { (void)rans_table(counts); })},
-      {"lookup_us", 1e6 * seconds([&] { rans_lookup(table, lookup); })},
+      {"encode_msymbols_per_s",
+       millions_a_second(n * kPlanes, [&] { (void)rans_encode(planes, n); })},
+      {"table_us", 1e6 * least_seconds([&] { (void)rans_table(counts); })},
+      {"lookup_us", 1e6 * least_seconds([&] { rans_lookup(table, lookup); })},
   };
   nlohmann::json& decode = out["decode_msymbols_per_s"];
   decode["scalar"] = decode_speed(*bytes, n, lookup, true);

@@ -3,30 +3,16 @@
 
 #include <zstd.h>
 
-#include <chrono>
 #include <cmath>
 
 #include "layout_plan.h"
+#include "least_time.h"
 #include "planes.h"
 #include "quantise.h"
 #include "rans.h"
 
 namespace stgs::bench {
 namespace {
-
-// Millions of primitives a second, from the least of the runs in 0.1 s.
-template <typename Work>
-double speed(std::size_t primitives, Work work) {
-  using Clock = std::chrono::steady_clock;
-  const auto begin = Clock::now();
-  double best = 1e30;
-  do {
-    const auto start = Clock::now();
-    work();
-    best = std::min(best, std::chrono::duration<double>(Clock::now() - start).count());
-  } while (Clock::now() - begin < std::chrono::milliseconds(100));
-  return std::round(static_cast<double>(primitives) / best / 1e5) / 10.0;
-}
 
 nlohmann::json row_of(std::size_t bytes, std::size_t n, double encode, double decode) {
   return {{"bits", std::round(800.0 * static_cast<double>(bytes) / static_cast<double>(n)) / 100},
@@ -46,13 +32,15 @@ nlohmann::json measure_bytes(const Integers& integers, std::size_t n, nlohmann::
   StreamPlan plan;
   const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kBytes, plan);
   std::vector<std::uint8_t> to(planes.size());
-  const double copy = speed(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
+  const double copy =
+      millions_a_second(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
   stored = row_of(planes.size(), n, copy, copy);
   constexpr int kLevel = 9;
   const std::vector<std::uint8_t> frame = compress_planes(planes, n, kLevel);
   return row_of(
-      frame.size(), n, speed(n, [&] { (void)compress_planes(planes, n, kLevel); }),
-      speed(n, [&] { (void)ZSTD_decompress(to.data(), to.size(), frame.data(), frame.size()); }));
+      frame.size(), n, millions_a_second(n, [&] { (void)compress_planes(planes, n, kLevel); }),
+      millions_a_second(
+          n, [&] { (void)ZSTD_decompress(to.data(), to.size(), frame.data(), frame.size()); }));
 }
 
 nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
@@ -75,13 +63,13 @@ nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
     }
     group = *rans_encode(coded, n);
   };
-  const double encode_speed = speed(n, encode);
+  const double encode_speed = millions_a_second(n, encode);
   ByteWriter stored;
   for (const RansTable& table : tables.tables) write_rans_table(table, stored);
   std::vector<RansLookup> lookups(tables.tables.size());
   for (std::size_t t = 0; t < lookups.size(); ++t) rans_lookup(tables.tables[t], lookups[t]);
   std::vector<std::uint8_t> to(n);
-  const double decode_speed = speed(n, [&] {
+  const double decode_speed = millions_a_second(n, [&] {
     auto decoder = RansGroupDecoder::open(group, n);
     for (std::size_t p = 0; p < count; ++p) {
       const std::uint16_t table = tables.table_of[p];

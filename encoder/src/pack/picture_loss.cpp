@@ -48,22 +48,12 @@ void draw(const Scene& scene, float t, const math::PinholeCamera& camera, Sketch
   for (float& v : sketch.output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
 }
 
-math::PinholeCamera pinhole_of(const SceneMetadata& metadata) {
-  const StartCamera& start = *metadata.start_camera;
-  math::PinholeCamera out{};
-  const float scale =
-      std::min(1.0f, kLargestSide / static_cast<float>(std::max({start.width, start.height, 1u})));
-  out.width = std::max(1.0f, std::floor(scale * static_cast<float>(start.width)));
-  out.height = std::max(1.0f, std::floor(scale * static_cast<float>(start.height)));
-  out.fx = scale * start.fx;
-  out.fy = scale * start.fy;
-  out.cx = scale * start.cx;
-  out.cy = scale * start.cy;
-  out.near_plane = metadata.near_plane;
-  const float* r = start.rotation;
-  out.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
-  out.translation = {start.translation[0], start.translation[1], start.translation[2]};
-  return out;
+math::PinholeCamera at_most(math::PinholeCamera camera, float side) {
+  const float scale = side / std::max(camera.width, camera.height);
+  if (scale >= 1.0f) return camera;
+  for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v *= scale;
+  for (float* v : {&camera.width, &camera.height}) *v = std::max(1.0f, std::floor(scale * *v));
+  return camera;
 }
 
 // Median depth of the pixels that show more of the scene than of the background.
@@ -95,8 +85,9 @@ math::PinholeCamera gone_around(math::PinholeCamera camera, float yaw, float pit
 }  // namespace
 
 std::optional<double> picture_loss(const Scene& scene, const Scene& packed) {
-  if (!scene.metadata.start_camera) return std::nullopt;
-  const math::PinholeCamera start = pinhole_of(scene.metadata);
+  const SceneMetadata& metadata = scene.metadata;
+  if (!metadata.start_camera) return std::nullopt;
+  const auto start = at_most(pinhole_of(*metadata.start_camera, metadata.near_plane), kLargestSide);
   Sketch before, after;
   float depth = 0.0f;
   double error = 0.0;

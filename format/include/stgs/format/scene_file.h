@@ -11,6 +11,7 @@
 
 #include "stgs/format/byte_source.h"
 #include "stgs/format/gaussian4d.h"
+#include "stgs/format/math/project.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -34,6 +35,9 @@ struct StartCamera {
   float fx = 0, fy = 0, cx = 0, cy = 0;  // pixels
   std::uint32_t width = 0, height = 0;   // pixels
 };
+
+// What the renderers take. `near_plane` in scene units.
+math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane);
 
 // Of which longer capture a scene is one window (spec 4.5).
 struct CaptureWindow {
