@@ -114,6 +114,9 @@ class TrainBackend {
   virtual Result<std::vector<StepOutput>> read() = 0;
   // After this the state holds everything that the steps have done.
   virtual Status synchronise() = 0;
+  // After an error of step() or read(), where there is one rank: forgets the steps that are not
+  // done, the last ones, and returns their number. The state is then that of the steps before.
+  virtual std::size_t abandon() = 0;
   virtual std::string name() const = 0;
 };
 

@@ -336,6 +336,19 @@ bool Trainer::measure_held_out_now() {
   }
 }
 
+Status Trainer::step() {
+  STGS_ASSIGN(const StepInput input, step_input());
+  STGS_TRY(backend_->step(input));
+  state_.iteration += static_cast<std::uint64_t>(ranks_.size());
+  return {};
+}
+
+void Trainer::keep_trained() {
+  if (ranks_.ranks() != nullptr) return;  // others may be in the middle of the step
+  state_.iteration -= backend_->abandon();
+  if (const Status saved = save_checkpoint(); !saved.ok()) log_(1, saved.message());
+}
+
 Status Trainer::run() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
@@ -343,15 +356,11 @@ Status Trainer::run() {
   // A run that had ended before has its last measure in the log, and nowhere else.
   if (finished() && !held_out_.empty()) (void)measure_held_out_now();
   while (!finished()) {
-    const Result<StepInput> input = step_input();
-    if (!input.ok()) {
-      // What has been trained is worth keeping; but others may be in the middle of the step.
-      const Status saved = ranks_.ranks() == nullptr ? save_checkpoint() : Status();
-      if (!saved.ok()) log_(1, saved.message());
-      return input.status();
+    const Status stepped = step();
+    if (!stepped.ok()) {
+      keep_trained();
+      return stepped;
     }
-    STGS_TRY(backend_->step(*input));
-    state_.iteration += static_cast<std::uint64_t>(ranks_.size());
     STGS_ASSIGN(const bool progress_due, tick());
     STGS_TRY(densify());
     const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));

@@ -63,6 +63,10 @@ class Trainer {
   }
   // Takes what the steps have given since the last time into the running mean and last_.
   Status read_steps();
+  Status step();
+  // After a step that failed, of a frame that cannot be read or for want of memory: a checkpoint of
+  // those before it.
+  void keep_trained();
   Status densify();
   // The state is here, and the same on all ranks.
   Status synchronise();

@@ -48,6 +48,7 @@ class CpuBackend final : public TrainBackend {
   Result<DensifyCounts> densify(const DensifyInput& input) override;
   std::size_t size() const override { return state_->size(); }
   Status synchronise() override { return {}; }
+  std::size_t abandon() override { return 0; }
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
 
  private:

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <thread>
+#include <utility>
 
 namespace stgs::encoder {
 namespace cuda {
@@ -119,6 +120,11 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients, plan.coupled));
   STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
                              stream_));
+  return share_with_pictures();
+}
+
+Status CudaBackend::share_with_pictures() {
+  std::size_t free = 0, total = 0;
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
   return truths_.create(static_cast<std::size_t>(kPictureShare * static_cast<double>(free)));
 }
@@ -176,11 +182,22 @@ Status CudaBackend::step(const StepInput& input) {
   return enqueue(input);
 }
 
+Status CudaBackend::reserve_step(const StepInput& input, std::size_t instances) {
+  const auto reserve = [&] {
+    return pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
+                             static_cast<int>(input.camera.height), instances,
+                             input.weight_normal > 0.0f, stream_);
+  };
+  if (reserve().ok()) return {};
+  STGS_TRY(stream_.wait());
+  STGS_TRY(truths_.give_back());
+  STGS_TRY(reserve());
+  return share_with_pictures();
+}
+
 Status CudaBackend::enqueue(const StepInput& input) {
   const std::size_t instances = room();
-  STGS_TRY(pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
-                             static_cast<int>(input.camera.height), instances,
-                             input.weight_normal > 0.0f, stream_));
+  STGS_TRY(reserve_step(input, instances));
   STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
   STGS_TRY(pipeline_.enqueue(device_, input, truth, instances,
@@ -204,18 +221,40 @@ Status CudaBackend::collect(bool wait) {
       return {};
     }
     STGS_TRY(cuda_status(state, "working on a step"));
-    const StepRecord* const all = records_.data() + slot * ranks();
-    const StepRecord record = all[ranks_ == nullptr ? 0 : ranks_->rank()];
+    const StepRecord& record = own_record(slot);
     if (record.overflow != 0) {
       STGS_TRY(redo(record.instances));
-      continue;
+    } else {
+      take_oldest();
     }
-    const double kept = kMemory * static_cast<double>(instances_seen_);
-    instances_seen_ = std::max<std::size_t>(record.instances, static_cast<std::size_t>(kept));
-    for (std::size_t r = 0; r < ranks(); ++r) outputs_.push_back(output_of(all[r]));
-    pending_.pop_front();
   }
   return {};
+}
+
+const StepRecord& CudaBackend::own_record(std::size_t slot) const {
+  return records_.data()[slot * ranks() + (ranks_ == nullptr ? 0 : ranks_->rank())];
+}
+
+void CudaBackend::take_oldest() {
+  const std::size_t slot = pending_.front().slot;
+  const double kept = kMemory * static_cast<double>(instances_seen_);
+  instances_seen_ =
+      std::max<std::size_t>(own_record(slot).instances, static_cast<std::size_t>(kept));
+  for (std::size_t r = 0; r < ranks(); ++r) {
+    outputs_.push_back(output_of(records_.data()[slot * ranks() + r]));
+  }
+  pending_.pop_front();
+}
+
+std::size_t CudaBackend::abandon() {
+  // Where the device itself has failed there is nothing to be had from it.
+  if (stream_.wait().ok()) {
+    while (!pending_.empty() && own_record(pending_.front().slot).overflow == 0) take_oldest();
+  }
+  const std::size_t undone = pending_.size() + std::exchange(lost_, 0);
+  pending_.clear();
+  (void)pipeline_.clear_overflow(stream_);  // its error comes again with whatever follows
+  return undone;
 }
 
 Status CudaBackend::wait_shared(std::size_t slot) {
@@ -244,7 +283,13 @@ Status CudaBackend::redo(std::size_t instances) {
   std::deque<Pending> again;
   again.swap(pending_);
   redone_ += again.size();
-  for (const Pending& pending : again) STGS_TRY(enqueue(pending.input));
+  for (; !again.empty(); again.pop_front()) {
+    const Status enqueued = enqueue(again.front().input);
+    if (!enqueued.ok()) {
+      lost_ = again.size();
+      return enqueued;
+    }
+  }
   return {};
 }
 

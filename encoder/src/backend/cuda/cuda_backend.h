@@ -38,6 +38,7 @@ class CudaBackend final : public TrainBackend {
   std::size_t size() const override { return device_.primitives().n; }
   Result<std::vector<StepOutput>> read() override;
   Status synchronise() override;
+  std::size_t abandon() override;
   std::string name() const override { return name_; }
 
   StepPipeline& pipeline() { return pipeline_; }
@@ -59,6 +60,12 @@ class CudaBackend final : public TrainBackend {
   };
 
   Status enqueue(const StepInput& input);
+  // Room for a step. The pictures on the device make way where there is too little.
+  Status reserve_step(const StepInput& input, std::size_t instances);
+  Status share_with_pictures();
+  // Takes what the oldest step has left, which is done and has fitted.
+  void take_oldest();
+  const StepRecord& own_record(std::size_t slot) const;
   // Takes what the oldest steps have left; waits for all of them, or only for those that are done.
   Status collect(bool wait);
   // Waits for a step, and meanwhile looks whether another rank has failed.
@@ -81,6 +88,7 @@ class CudaBackend final : public TrainBackend {
   std::array<Event, kInFlight> done_;
   std::deque<Pending> pending_;  // oldest first
   std::size_t next_slot_ = 0;
+  std::size_t lost_ = 0;             // steps that an error has kept from being done again
   std::vector<StepOutput> outputs_;  // since the last read()
   TrainState* state_ = nullptr;
   std::size_t instances_seen_ = 0, redone_ = 0;

@@ -83,12 +83,12 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
   if (with_planes_) STGS_TRY(reserve_planes());
   const std::size_t items = std::max(primitives, list_.capacity());
   if (items > iota_.capacity()) {
+    STGS_TRY(sort_memory_.ensure(sort_memory_bytes(items)));
+    workspace_.sort_memory = sort_memory_.data();
+    workspace_.sort_bytes = sort_memory_.capacity();
     STGS_TRY(iota_.ensure(items));
     launch_iota(iota_.data(), iota_.capacity(), stream);
     workspace_.iota = iota_.data();
-    STGS_TRY(sort_memory_.ensure(sort_memory_bytes(iota_.capacity())));
-    workspace_.sort_memory = sort_memory_.data();
-    workspace_.sort_bytes = sort_memory_.capacity();
   }
   return {};
 }
@@ -135,9 +135,9 @@ Status StepPipeline::reserve_picture(int width, int height) {
 }
 
 Status StepPipeline::reserve_instances(std::size_t n) {
+  STGS_TRY(partials_.ensure(kSums * n));
   for (auto* array : {&owners_, &instance_tiles_, &tiles_sorted_, &instances_sorted_, &list_})
     STGS_TRY(array->ensure(n));
-  STGS_TRY(partials_.ensure(kSums * n));
   workspace_.owners = owners_.data();
   workspace_.instance_tiles = instance_tiles_.data();
   workspace_.tiles_sorted = tiles_sorted_.data();

@@ -9,17 +9,21 @@ namespace {
 
 constexpr std::size_t kFewest = 4;  // pictures on the device, whatever the budget
 
+Status default_pool(cudaMemPool_t& pool) {
+  int device = 0;
+  STGS_TRY(cuda_status(cudaGetDevice(&device), "asking for the device"));
+  return cuda_status(cudaDeviceGetDefaultMemPool(&pool, device), "asking for the memory pool");
+}
+
 }  // namespace
 
 Status TruthCache::create(std::size_t budget) {
   clear();
   budget_ = budget;
   // Memory that pictures have left stays with the process for the next ones.
-  int device = 0;
   cudaMemPool_t pool = nullptr;
   std::uint64_t keep = ~std::uint64_t{0};
-  STGS_TRY(cuda_status(cudaGetDevice(&device), "asking for the device"));
-  STGS_TRY(cuda_status(cudaDeviceGetDefaultMemPool(&pool, device), "asking for the memory pool"));
+  STGS_TRY(default_pool(pool));
   STGS_TRY(cuda_status(cudaMemPoolSetAttribute(pool, cudaMemPoolAttrReleaseThreshold, &keep),
                        "setting up the memory pool"));
   for (Staging& staging : staging_) STGS_TRY(staging.copied.create());
@@ -53,12 +57,20 @@ void TruthCache::clear() {
   held_ = 0;
 }
 
+Status TruthCache::give_back() {
+  clear();
+  cudaMemPool_t pool = nullptr;
+  STGS_TRY(default_pool(pool));
+  return cuda_status(cudaMemPoolTrimTo(pool, 0), "giving memory back");
+}
+
 Status TruthCache::find(const Picture& picture, Entry*& entry) {
   const auto found = entries_.find(picture.id);
   if (found == entries_.end()) {
-    STGS_TRY(make_room(picture.pixels->data.size(), picture.use));
+    std::uint8_t* memory = nullptr;
+    STGS_TRY(allocate(picture.pixels->data.size(), picture.use, memory));
     entry = &entries_[picture.id];
-    STGS_TRY(copy(*picture.pixels, *entry));
+    STGS_TRY(copy(*picture.pixels, memory, *entry));
   } else {
     entry = &found->second;
     by_use_.erase({entry->next_use, picture.id});
@@ -97,15 +109,27 @@ Status TruthCache::make_room(std::size_t bytes, std::uint64_t now) {
   return {};
 }
 
-Status TruthCache::copy(const Image8& image, Entry& entry) {
-  STGS_TRY(entry.copied.create());
-  STGS_TRY(entry.used.create());
-  void* memory = nullptr;
-  STGS_TRY(cuda_status(cudaMallocAsync(&memory, image.data.size(), copies_),
-                       "finding room for a picture"));
-  entry.memory = static_cast<std::uint8_t*>(memory);
+Status TruthCache::allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory) {
+  for (;;) {
+    STGS_TRY(make_room(bytes, now));
+    void* found = nullptr;
+    const cudaError_t error = cudaMallocAsync(&found, bytes, copies_);
+    memory = static_cast<std::uint8_t*>(found);
+    if (error != cudaErrorMemoryAllocation || entries_.size() < kFewest) {
+      return cuda_status(error, "finding room for a picture");
+    }
+    (void)cudaGetLastError();
+    // The steps, or another process, have taken some of what there was.
+    budget_ = held_;
+  }
+}
+
+Status TruthCache::copy(const Image8& image, std::uint8_t* memory, Entry& entry) {
+  entry.memory = memory;
   entry.bytes = image.data.size();
   held_ += entry.bytes;
+  STGS_TRY(entry.copied.create());
+  STGS_TRY(entry.used.create());
   Staging& staging = staging_[next_staging_];
   next_staging_ = (next_staging_ + 1) % std::size(staging_);
   if (staging.busy) {

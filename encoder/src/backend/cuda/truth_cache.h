@@ -27,6 +27,8 @@ class TruthCache {
   Status release(const Picture& picture, cudaStream_t stream);
   // Forgets all pictures, of which none may be in use.
   void clear();
+  // The same, and what they took is the device's again: others find more room after it.
+  Status give_back();
 
  private:
   struct Entry {
@@ -45,8 +47,9 @@ class TruthCache {
 
   Status find(const Picture& picture, Entry*& entry);
   Status make_room(std::size_t bytes, std::uint64_t now);
+  Status allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory);
   std::uint64_t least_needed(std::uint64_t now) const;
-  Status copy(const Image8& image, Entry& entry);
+  Status copy(const Image8& image, std::uint8_t* memory, Entry& entry);
 
   std::size_t budget_ = 0, held_ = 0;
   Stream copies_;
