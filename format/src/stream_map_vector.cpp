@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Maps planes to floats, a block of primitives at a time, in loops that a compiler turns into the
-// machine's vector instructions: each goes over a whole block, with zeros behind the last
-// primitive.
+// machine's vector instructions: each goes over a whole block, which repeats the last primitive
+// behind it, so that no check finds there what it does not find before.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -30,7 +30,7 @@ HWY_INLINE float power_of_two(int e) {
   return std::bit_cast<float>(static_cast<std::uint32_t>(std::clamp(e, -126, 127) + 127) << 23);
 }
 
-// Values [first, first + count) of the component whose digits `planes` are.
+// Values [first, first + count) of the component whose digits `planes` are, and zeros.
 template <typename Value>
 HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t first,
                      std::size_t count, Value (&out)[kBlock]) {
@@ -114,6 +114,7 @@ HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set,
   const float* log_scale = set.log_scale.data() + 3 * first;
   for (std::size_t i = 0; shaped && i < count; ++i) out[i] += rotation_shift(log_scale + 3 * i);
   for (int& e : out) e = std::clamp(e, kFinestRotation, kCoarsestRotation);
+  std::fill(out + count, out + kBlock, out[count - 1]);
 }
 
 // w, x, y, z: exact in doubles but for the square root, which rounds correctly (spec 7.5.5).
@@ -233,6 +234,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
       Numbers& block = q[together ? c % 3 : 0];
       load(row, task.planes + c * row.digits, first, count, block);
       undo_prediction(prediction, carry[c], block);
+      std::fill(block + count, block + kBlock, block[count - 1]);
       if (!together) {
         good &= map_component(row, static_cast<int>(c), base, steps, count, block, floats[0]);
         store<1>(floats, count, to + c, view.stride);

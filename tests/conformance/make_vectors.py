@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
                          layouts_payload, record, table_bytes, zstd_frame)
 from vector_growing import Fragment, growing
-from vector_scenes import coded_streams, float_streams, give_tables, own_body
+from vector_scenes import coded_streams, deltas, float_streams, give_tables, own_body
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 VECTORS = []
@@ -109,6 +109,11 @@ def sound_lossless():
 def sound_coded():
     vector("coded", "7", "mappings 1 to 5 and 7, predictions 0 to 3, all rANS, persistent", coded())
     vector("shaped_rotation", "7.5.7", "mapping 6", coded(40, shaped=True))
+    needles = float_streams(3, 0, 1)
+    needles[5].v[0] = [bits_of(-9.0)] * 3
+    needles[6] = Stream(7, 6, -7, [deltas([5, -7, 700]), deltas([0, 1, 2]), deltas([9, 9, 9])], 2)
+    vector("shaped_rotation_of_needles", "7.5.7", "mapping 6, the finest steps, as differences",
+           plain(body=own_body(needles, 3)))
     vector("moment_in_a_slot", "7.5.8", "mapping 7 counts from the beginning of its segment",
            coded(6, level=0, slot=2))
     vector("coded_degree_3", "7.5.6", "mapping 5 for all harmonics, tables shared between planes",
