@@ -9,14 +9,18 @@
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/surface.h"
 
 namespace stgs {
 namespace {
 
 constexpr int kDefaultQuality = 85;
-constexpr double kEvenOpacity = -5.0;     // octaves: opacity that a constant lifespan may be off
-constexpr double kImportancePower = 0.3;  // of a step, by importance: measured, not the ideal 0.5
-constexpr double kMostOctaves = 3.0;      // that importance makes a step finer or coarser
+constexpr double kEvenOpacity = -5.0;  // octaves: opacity that a constant lifespan may be off
+// Powers of importance in steps, measured: less than the ideal 0.5. One that is guessed by size
+// says less, least about positions: what is small needs its place as exactly as what is large.
+constexpr double kPower = 0.3;
+constexpr double kPowerBySize = 0.2, kPositionPowerBySize = 0.1;
+constexpr double kMostOctaves = 3.0;  // that importance makes a step finer or coarser
 // Steps as shares of a bound on where a primitive lies; each takes half of it. A position is off by
 // half the diagonal of a step. A displacement too, over 2^E ticks of a life L < 2^(E+1) that is
 // seen for at most 1.18 L from T on, where its opacity falls to 1/255 (spec 7.5.4).
@@ -96,29 +100,76 @@ double typical_log_scale(const Gaussians4D& set) {
   return *quarter;
 }
 
-// The same Gaussian with its largest component first and positive: half turns about its own axes
-// change nothing that can be seen (spec 8.5).
-std::array<double, 4> canonical(const float* q) {
-  std::array<double, 4> out{q[0], q[1], q[2], q[3]};
-  const std::array<double, 4> p = out;
-  const auto magnitude = [](double a, double b) { return std::abs(a) < std::abs(b); };
-  switch (std::max_element(p.begin(), p.end(), magnitude) - p.begin()) {
-    case 1:
-      out = {-p[1], p[0], p[3], -p[2]};
-      break;
-    case 2:
-      out = {-p[2], -p[3], p[0], p[1]};
-      break;
-    case 3:
-      out = {-p[3], p[2], -p[1], p[0]};
-      break;
-    default:
-      break;
+using Quaternion = std::array<double, 4>;
+
+// The turns that map the axes on each other, one of each two quaternions.
+constexpr std::array<Quaternion, 24> make_axis_turns() {
+  constexpr double kRoot = 0.70710678118654752440;
+  std::array<Quaternion, 24> out{};
+  std::size_t n = 0;
+  for (std::size_t a = 0; a < 4; ++a) {
+    out[n++][a] = 1.0;
+    for (std::size_t b = a + 1; b < 4; ++b) {
+      for (const double sign : {1.0, -1.0}) {
+        out[n][a] = kRoot;
+        out[n++][b] = sign * kRoot;
+      }
+    }
   }
-  const double length =
-      std::copysign(std::sqrt(std::inner_product(p.begin(), p.end(), p.begin(), 0.0)), out[0]);
-  for (double& c : out) c /= length;
+  for (int signs = 0; signs < 8; ++signs) {
+    out[n++] = {0.5, (signs & 1) != 0 ? -0.5 : 0.5, (signs & 2) != 0 ? -0.5 : 0.5,
+                (signs & 4) != 0 ? -0.5 : 0.5};
+  }
   return out;
+}
+constexpr std::array<Quaternion, 24> kAxisTurns = make_axis_turns();
+
+double dot(const Quaternion& a, const Quaternion& b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
+}
+
+// a times the inverse of a unit b.
+Quaternion over(const Quaternion& a, const Quaternion& b) {
+  return {dot(a, b), a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2],
+          a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3],
+          a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]};
+}
+
+// Where the turn takes an axis.
+std::size_t turned_axis(const Quaternion& turn, std::size_t axis) {
+  const math::Mat3 m =
+      math::rotation_of({static_cast<float>(turn[0]), static_cast<float>(turn[1]),
+                         static_cast<float>(turn[2]), static_cast<float>(turn[3])});
+  const math::Vec3 on = math::mat3_column(m, static_cast<int>(axis));
+  return std::abs(on.x) > 0.5f ? 0 : std::abs(on.y) > 0.5f ? 1 : 2;
+}
+
+// The same Gaussians, each with the names of its axes and their signs changed so that its rotation
+// is the least (spec 8.5).
+void least_rotations(Gaussians4D& set) {
+  std::array<std::array<std::size_t, 3>, 24> axes{};
+  for (std::size_t t = 0; t < 24; ++t) {
+    for (std::size_t k = 0; k < 3; ++k) axes[t][k] = turned_axis(kAxisTurns[t], k);
+  }
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    float* stored = set.rotation.data() + 4 * i;
+    const Quaternion q{stored[0], stored[1], stored[2], stored[3]};
+    std::size_t best = 0;
+    double most = -1.0;
+    for (std::size_t t = 0; t < 24; ++t) {
+      const double near = std::abs(dot(q, kAxisTurns[t]));
+      if (near > most + 1e-6) {
+        most = near;
+        best = t;
+      }
+    }
+    const Quaternion least = over(q, kAxisTurns[best]);
+    const double scale = std::copysign(1.0 / std::sqrt(dot(least, least)), least[0]);
+    for (std::size_t c = 0; c < 4; ++c) stored[c] = static_cast<float>(scale * least[c]);
+    float* sizes = set.log_scale.data() + 3 * i;
+    const std::array<float, 3> before{sizes[0], sizes[1], sizes[2]};
+    for (std::size_t k = 0; k < 3; ++k) sizes[axes[best][k]] = before[k];
+  }
 }
 
 Integers begin(Attribute attribute, Mapping mapping, int exponent, int components, std::size_t n) {
@@ -184,7 +235,7 @@ Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, int
   const std::size_t n = part.size();
   Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, exponent, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
-    const std::array<double, 4> q = canonical(part.rotation.data() + 4 * i);
+    const float* q = part.rotation.data() + 4 * i;
     const int own = std::clamp(exponent + rotation_shift(shapes.data() + 3 * i), kFinestRotation,
                                kCoarsestRotation);
     for (std::size_t c = 0; c < 3; ++c) {
@@ -294,9 +345,11 @@ void make_constant(const Interval& interval, double still, double even, std::siz
 
 }  // namespace
 
-Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
+Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
                      std::uint32_t frames, double quality, double max_error)
-    : max_error_(max_error) {
+    : max_error_(max_error),
+      power_(by_size ? kPowerBySize : kPower),
+      position_power_(by_size ? kPositionPowerBySize : kPower) {
   // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
   coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   importance_ = mean_of(importance);
@@ -306,7 +359,7 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance,
   steps_.displacement = steps_.position + 1.0;
   steps_.log_scale = -3.4;
   steps_.rotation = -5.2;
-  steps_.sh[0] = -4.4;
+  steps_.sh[0] = -4.65;
   steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = -4.8;
   double latest = frames;
   for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
@@ -356,15 +409,17 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
 GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                                double importance) const {
   const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
-  const double coarser =
-      coarser_ + std::clamp(kImportancePower * std::log2(ratio), -kMostOctaves, kMostOctaves);
+  const auto coarser_by = [&](double power) {
+    return coarser_ + std::clamp(power * std::log2(ratio), -kMostOctaves, kMostOctaves);
+  };
+  const double coarser = coarser_by(power_);
   const auto exponent = [coarser](double step) {
     return static_cast<int>(std::lround(step + coarser));
   };
   const Extent extent = extent_of(set, &members);
   GroupSteps out;
   // One value less than 2^21, because the origin is rounded down.
-  out.position = std::max(bounded(steps_.position + coarser, kPositionShare),
+  out.position = std::max(bounded(steps_.position + coarser_by(position_power_), kPositionShare),
                           exponent_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
@@ -380,7 +435,8 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
                                           std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
   out.push_back(position(part, steps, order));
-  const Gaussians4D sorted = part.gather(order);
+  Gaussians4D sorted = part.gather(order);
+  least_rotations(sorted);
   out.push_back(moments(sorted, steps_.time, segment_begin));
   out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));

@@ -36,11 +36,12 @@ struct GroupSteps {
 class Quantiser {
  public:
   // Chooses the steps for a whole set; quality 0..100. `importance` (N): how much each primitive
-  // adds to pictures, see Scene::importance. `max_error`: how far, in scene units, a primitive may
+  // adds to pictures, see Scene::importance, or what importance_by_size() makes of the set, then
+  // `by_size`. `max_error`: how far, in scene units, a primitive may
   // come to lie from where it was, at any moment at which it is seen; 0: as far as quality has it.
   // It is kept where 21 bits for the extent of a layout's positions are enough.
-  Quantiser(const Gaussians4D& set, std::span<const float> importance, std::uint32_t frames,
-            double quality, double max_error);
+  Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
+            std::uint32_t frames, double quality, double max_error);
 
   // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
   // its interval and stands still there gets one constant lifespan, which costs next to nothing.
@@ -63,7 +64,9 @@ class Quantiser {
   int bounded(double exponent, double share) const;
 
   Steps steps_;
-  double max_error_ = 0;       // scene units; 0: no bound
+  double max_error_ = 0;  // scene units; 0: no bound
+  // Of importance in a step, and in that of a position.
+  double power_ = 0, position_power_ = 0;
   double coarser_ = 0;         // octaves, of the quality
   double importance_ = 0;      // mean over the set
   int coarsest_position_ = 0;  // exponent that the whole set's extent needs

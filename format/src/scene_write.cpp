@@ -200,8 +200,8 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     importance = scene.importance.empty()
                      ? importance_by_size(scene.gaussians, scene.metadata.frames)
                      : scene.importance;
-    quantiser.emplace(scene.gaussians, importance, scene.metadata.frames, settings.quality,
-                      settings.max_error);
+    quantiser.emplace(scene.gaussians, importance, scene.importance.empty(), scene.metadata.frames,
+                      settings.quality, settings.max_error);
     // Segments follow from what a decoder will see.
     snapped = quantiser->snap_lifespans(scene.gaussians, parts);
     encoding.set = &snapped;

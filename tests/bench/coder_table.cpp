@@ -86,7 +86,7 @@ nlohmann::json coder_table(const Scene& scene) {
   const std::uint32_t frames = scene.metadata.frames;
   const std::vector<float> importance =
       scene.importance.empty() ? importance_by_size(scene.gaussians, frames) : scene.importance;
-  const Quantiser quantiser(scene.gaussians, importance, frames, 85, 0);
+  const Quantiser quantiser(scene.gaussians, importance, scene.importance.empty(), frames, 85, 0);
   const PartRange all{
       0, static_cast<std::uint32_t>(scene.gaussians.size()), {0.0, static_cast<double>(frames)}};
   const Gaussians4D snapped = quantiser.snap_lifespans(scene.gaussians, {&all, 1});
