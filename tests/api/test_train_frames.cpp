@@ -69,6 +69,7 @@ TEST_CASE(
   REQUIRE_FALSE(broken.ok());
   CHECK(broken.status().code() == StatusCode::kIo);
   CHECK(broken.status().message().find(frame) != std::string::npos);
+  CHECK(broken.status().message().find("--resume " + settings.checkpoint) != std::string::npos);
   REQUIRE(std::filesystem::exists(settings.checkpoint));
   std::filesystem::rename(aside, frame);
   settings.resume = settings.checkpoint;

@@ -18,6 +18,7 @@
 #include "train/densify_rules.h"
 #include "train/machine_memory.h"
 #include "train/random.h"
+#include "train/step_schedule.h"
 #include "train/training_choice.h"
 
 using namespace stgs;
@@ -466,13 +467,41 @@ TEST_CASE("a hyper-parameter out of its limits is named, with its value and its 
   REQUIRE(set_hyper_parameter(parameters, "iterations", "0").ok());
   CHECK(check_hyper_parameters(parameters).message() ==
         "the hyper-parameter iterations is 0; it must be from 1 to 100000000");
-  for (const auto& [name, value] : std::initializer_list<std::pair<const char*, const char*>>{
-           {"initial_opacity", "1"}, {"drop_share", "10"}, {"sigma_static", "0"}}) {
+  for (const auto& [name, value] :
+       std::initializer_list<std::pair<const char*, const char*>>{{"initial_opacity", "1"},
+                                                                  {"drop_share", "10"},
+                                                                  {"sigma_static", "0"},
+                                                                  {"lr_position_final", "0"},
+                                                                  {"stage1_until", "2"},
+                                                                  {"weight_scale", "2000000000"}}) {
     parameters = {};
     REQUIRE(set_hyper_parameter(parameters, name, value).ok());
     CHECK(
         check_hyper_parameters(parameters).message().find(fmt::format("{} is {};", name, value)) !=
         std::string::npos);
+  }
+}
+
+TEST_CASE("rates of 0 and stages of no length leave every setting a number") {
+  HyperParameters parameters;
+  for (const char* name : {"lr_position", "lr_velocity", "stage1_until", "sh_step"}) {
+    REQUIRE(set_hyper_parameter(parameters, name, "0").ok());
+  }
+  REQUIRE(check_hyper_parameters(parameters).ok());
+  PreparedCapture capture;
+  capture.extent = 2.0f;
+  capture.scene_radius = 2.0f;
+  capture.frames = 10;
+  for (const double share : {0.0, 0.5, 1.0}) {
+    StepInput input;
+    set_schedule(parameters, capture, share, false, input);
+    CHECK(input.rates[kPosition] == 0.0f);
+    CHECK(input.rates[kVelocity] == 0.0f);
+    CHECK(input.settle.shrink == 0.0f);
+    CHECK(input.sh_degree == parameters.sh_degree);
+    const DensifyPlan plan = densify_plan(parameters, {}, share, true);
+    CHECK(plan.second_stage);
+    CHECK(plan.resets_due == 0);
   }
 }
 

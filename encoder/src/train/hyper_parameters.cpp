@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hyper_parameters.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -119,27 +120,54 @@ Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
   return {};
 }
 
+namespace {
+
+struct Limits {
+  const char* name;
+  double least, most;
+};
+
+// Of those that have others than kAnyNumber.
+constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
+                              {"max_primitives", 1, 2e8},
+                              {"sh_degree", 0, 3},
+                              {"densify_interval", 1, 1e8},
+                              // Shares of the run, or of the primitives.
+                              {"sh_step", 0, 1},
+                              {"coarse_until", 0, 1},
+                              {"stage1_until", 0, 1},
+                              {"growth_limit", 0, 10},
+                              {"replace_limit", 0, 1},
+                              {"drop_share", 0, 0.9},
+                              {"opacity_resets", 0, 1e4},
+                              // A rate falls to it by powers.
+                              {"lr_position_final", 1e-15, 1e3},
+                              {"lr_velocity_final", 1e-15, 1e3},
+                              // Of 0 and 1 the logit is no number.
+                              {"initial_opacity", 0.001, 0.999},
+                              {"initial_opacity_dynamic", 0.001, 0.999},
+                              {"initial_scale", 1e-6, 1e6},
+                              {"initial_radius", 0, 1e6},
+                              {"sigma_dynamic", 0.001, 1e6},
+                              {"sigma_static", 0.001, 1e6}};
+constexpr Limits kAnyNumber = {"", 0, 1e9};
+
+}  // namespace
+
 Status check_hyper_parameters(const HyperParameters& p) {
-  struct Limits {
-    const char* name;
-    double value, least, most;
-  };
-  const Limits all[] = {{"iterations", static_cast<double>(p.iterations), 1, 1e8},
-                        {"max_primitives", static_cast<double>(p.max_primitives), 1, 2e8},
-                        {"sh_degree", static_cast<double>(p.sh_degree), 0, 3},
-                        {"densify_interval", static_cast<double>(p.densify_interval), 1, 1e8},
-                        // Of 0 and 1 the logit is no number.
-                        {"initial_opacity", p.initial_opacity, 0.001, 0.999},
-                        {"initial_opacity_dynamic", p.initial_opacity_dynamic, 0.001, 0.999},
-                        {"drop_share", p.drop_share, 0, 0.9},
-                        {"sigma_dynamic", p.sigma_dynamic, 0.001, 1e6},
-                        {"sigma_static", p.sigma_static, 0.001, 1e6}};
-  for (const Limits& limits : all) {
-    if (limits.value >= limits.least && limits.value <= limits.most) continue;
-    return usage_error("the hyper-parameter {} is {}; it must be from {} to {}", limits.name,
-                       limits.value, limits.least, limits.most);
-  }
-  return {};
+  Status status;
+  for_each_parameter(p, [&](const char* name, const auto& parameter) {
+    const auto* const own =
+        std::find_if(std::begin(kLimits), std::end(kLimits),
+                     [&](const Limits& l) { return std::string_view(l.name) == name; });
+    const Limits& limits = own == std::end(kLimits) ? kAnyNumber : *own;
+    const auto value = static_cast<double>(parameter);
+    if (status.ok() && !(value >= limits.least && value <= limits.most)) {
+      status = usage_error("the hyper-parameter {} is {}; it must be from {} to {}", name, value,
+                           limits.least, limits.most);
+    }
+  });
+  return status;
 }
 
 std::vector<std::pair<std::string, std::string>> list_hyper_parameters(

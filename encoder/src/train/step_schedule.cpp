@@ -10,6 +10,7 @@ namespace stgs::encoder {
 namespace {
 
 float decayed(double first, double last, double share) {
+  if (first == 0.0) return 0.0f;
   return static_cast<float>(first * std::pow(last / first, share));
 }
 
@@ -19,7 +20,7 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
                   bool coupled, StepInput& input) {
   const double extent = capture.extent;
   input.sh_degree =
-      p.sh_step > 0 ? std::min(p.sh_degree, static_cast<int>(done / p.sh_step)) : p.sh_degree;
+      done < p.sh_degree * p.sh_step ? static_cast<int>(done / p.sh_step) : p.sh_degree;
   input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
   input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
   if (coupled) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);

@@ -223,8 +223,9 @@ Result<StepInput> Trainer::step_input() {
 }
 
 Status Trainer::read_steps() {
-  STGS_ASSIGN(const std::vector<StepOutput> outputs, backend_->read());
-  for (const StepOutput& output : outputs) {
+  const Result<std::vector<StepOutput>> outputs = backend_->read();
+  if (!outputs.ok()) return undone(outputs.status());
+  for (const StepOutput& output : *outputs) {
     ++steps_read_;
     state_.mean_loss += (output.loss - state_.mean_loss) * (steps_read_ == 1 ? 1.0 : kLossMemory);
     if (!std::isfinite(output.loss)) {
@@ -337,30 +338,45 @@ bool Trainer::measure_held_out_now() {
 }
 
 Status Trainer::step() {
-  STGS_ASSIGN(const StepInput input, step_input());
-  STGS_TRY(backend_->step(input));
+  Result<StepInput> input = step_input();
+  const Status stepped = input.ok() ? backend_->step(*input) : input.status();
+  if (!stepped.ok()) return undone(stepped);
   state_.iteration += static_cast<std::uint64_t>(ranks_.size());
   return {};
 }
 
-void Trainer::keep_trained() {
-  if (ranks_.ranks() != nullptr) return;  // others may be in the middle of the step
+Status Trainer::undone(const Status& error) {
+  steps_undone_ = true;
+  return error;
+}
+
+Status Trainer::keep_trained(const Status& error) {
+  steps_undone_ = false;
+  if (ranks_.ranks() != nullptr || settings_.checkpoint.empty()) return error;
   state_.iteration -= backend_->abandon();
-  if (const Status saved = save_checkpoint(); !saved.ok()) log_(1, saved.message());
+  state_.second_stage = densify_plan(parameters_, ablation_, share(), false).second_stage ? 1 : 0;
+  const Status saved = save_checkpoint();
+  if (!saved.ok()) {
+    log_(1, saved.message());
+    return error;
+  }
+  return Status(error.code(), fmt::format("{}; {} iterations are done: go on with --resume {}",
+                                          error.message(), state_.iteration, settings_.checkpoint));
 }
 
 Status Trainer::run() {
+  const Status trained = train();
+  return steps_undone_ ? keep_trained(trained) : trained;
+}
+
+Status Trainer::train() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
   STGS_TRY(backend_->begin(state_));
   // A run that had ended before has its last measure in the log, and nowhere else.
   if (finished() && !held_out_.empty()) (void)measure_held_out_now();
   while (!finished()) {
-    const Status stepped = step();
-    if (!stepped.ok()) {
-      keep_trained();
-      return stepped;
-    }
+    STGS_TRY(step());
     STGS_ASSIGN(const bool progress_due, tick());
     STGS_TRY(densify());
     const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));
@@ -383,6 +399,12 @@ Status Trainer::run() {
   STGS_TRY(save_checkpoint());
   // After the checkpoint, which takes the state from the backend once more.
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
+    if (state_.size() == 0) {
+      return runtime_error(
+          "training left nothing: all {} primitives have values that are not "
+          "numbers; no scene is written",
+          broken);
+    }
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
   if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());

@@ -63,10 +63,13 @@ class Trainer {
   }
   // Takes what the steps have given since the last time into the running mean and last_.
   Status read_steps();
+  Status train();
   Status step();
-  // After a step that failed, of a frame that cannot be read or for want of memory: a checkpoint of
-  // those before it.
-  void keep_trained();
+  // Notes that an error, of a frame that cannot be read or for want of memory, left steps undone.
+  Status undone(const Status& error);
+  // After such an error: a checkpoint of the steps before, and the error with what to do. Of one
+  // process alone, for others may be in the middle of the step.
+  Status keep_trained(const Status& error);
   Status densify();
   // The state is here, and the same on all ranks.
   Status synchronise();
@@ -94,7 +97,8 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::unique_ptr<TrainBackend> backend_;
-  StepOutput last_;               // of the steps read
+  StepOutput last_;  // of the steps read
+  bool steps_undone_ = false;
   std::uint64_t steps_read_ = 0;  // iterations, a view each, whose loss has been taken in
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;

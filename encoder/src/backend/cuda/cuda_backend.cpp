@@ -82,6 +82,7 @@ Status CudaBackend::join(Ranks& ranks, std::unique_ptr<RankExchange> exchange) {
 }
 
 Status CudaBackend::reserve(const TrainPlan& plan) {
+  STGS_TRY(truths_.give_back());
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
   const std::size_t state_bytes =
@@ -182,22 +183,26 @@ Status CudaBackend::step(const StepInput& input) {
   return enqueue(input);
 }
 
-Status CudaBackend::reserve_step(const StepInput& input, std::size_t instances) {
-  const auto reserve = [&] {
+Result<std::size_t> CudaBackend::reserve_step(const StepInput& input) {
+  const auto reserve = [&](std::size_t instances) {
     return pipeline_.reserve(device_.primitives().n, static_cast<int>(input.camera.width),
                              static_cast<int>(input.camera.height), instances,
                              input.weight_normal > 0.0f, stream_);
   };
-  if (reserve().ok()) return {};
+  const std::size_t wanted = room();
+  if (reserve(wanted).ok()) return wanted;
   STGS_TRY(stream_.wait());
   STGS_TRY(truths_.give_back());
-  STGS_TRY(reserve());
-  return share_with_pictures();
+  // Without the slack for the next steps, where there is no room for that.
+  const std::size_t least = std::max(instances_seen_, kInstancesFloor);
+  const std::size_t instances = reserve(wanted).ok() ? wanted : std::min(wanted, least);
+  STGS_TRY(reserve(instances));
+  STGS_TRY(share_with_pictures());
+  return instances;
 }
 
 Status CudaBackend::enqueue(const StepInput& input) {
-  const std::size_t instances = room();
-  STGS_TRY(reserve_step(input, instances));
+  STGS_ASSIGN(const std::size_t instances, reserve_step(input));
   STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
   STGS_TRY(pipeline_.enqueue(device_, input, truth, instances,

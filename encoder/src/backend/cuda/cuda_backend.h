@@ -60,8 +60,9 @@ class CudaBackend final : public TrainBackend {
   };
 
   Status enqueue(const StepInput& input);
-  // Room for a step. The pictures on the device make way where there is too little.
-  Status reserve_step(const StepInput& input, std::size_t instances);
+  // Room for a step, in tile instances. The pictures on the device make way where there is too
+  // little.
+  Result<std::size_t> reserve_step(const StepInput& input);
   Status share_with_pictures();
   // Takes what the oldest step has left, which is done and has fitted.
   void take_oldest();

@@ -14,4 +14,10 @@ std::string bytes_text(double bytes) {
                        : fmt::format("{:.1f} MiB", bytes / kMiB);
 }
 
+Status no_memory_left(std::size_t bytes) {
+  return runtime_error(
+      "the GPU has no {} left for training: free some, or use fewer primitives or smaller frames",
+      bytes_text(static_cast<double>(bytes)));
+}
+
 }  // namespace stgs::encoder::cuda

@@ -17,6 +17,9 @@ Status cuda_status(cudaError_t error, const char* what);
 // Bytes as a person reads them.
 std::string bytes_text(double bytes);
 
+// kRuntime: so many bytes are not there, and what to do.
+Status no_memory_left(std::size_t bytes);
+
 // Device memory for up to capacity() values; what it holds is lost when it grows.
 template <typename T>
 class DeviceArray {
@@ -35,10 +38,7 @@ class DeviceArray {
     const cudaError_t error = cudaMalloc(&memory, n * sizeof(T));
     if (error != cudaSuccess) {
       (void)cudaGetLastError();
-      return runtime_error(
-          "the GPU has no {} left for training: use fewer primitives or smaller "
-          "frames",
-          bytes_text(static_cast<double>(n * sizeof(T))));
+      return no_memory_left(n * sizeof(T));
     }
     data_ = static_cast<T*>(memory);
     capacity_ = n;

@@ -76,7 +76,9 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
   STGS_TRY(reserve_picture(width, height));
   if (instances > list_.capacity()) {
     // Half as much again, for the next steps may need a little more each.
-    STGS_TRY(reserve_instances(std::min(instances + instances / 2, kMaxInstances)));
+    if (!reserve_instances(std::min(instances + instances / 2, kMaxInstances)).ok()) {
+      STGS_TRY(reserve_instances(instances));
+    }
   }
   STGS_TRY(reserve_segments());
   with_planes_ = with_planes_ || planes;

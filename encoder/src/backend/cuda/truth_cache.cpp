@@ -94,33 +94,36 @@ std::uint64_t TruthCache::least_needed(std::uint64_t now) const {
 
 Status TruthCache::make_room(std::size_t bytes, std::uint64_t now) {
   while (held_ + bytes > budget_ && entries_.size() >= kFewest) {
-    const std::uint64_t id = least_needed(now);
-    Entry& entry = entries_.at(id);
-    if (entry.in_use) {
-      STGS_TRY(cuda_status(cudaStreamWaitEvent(copies_, entry.used, 0), "waiting for a step"));
-    }
-    if (entry.memory != nullptr) {
-      STGS_TRY(cuda_status(cudaFreeAsync(entry.memory, copies_), "freeing a picture"));
-      held_ -= entry.bytes;
-    }
-    by_use_.erase({entry.next_use, id});
-    entries_.erase(id);
+    STGS_TRY(evict(least_needed(now)));
   }
   return {};
 }
 
+Status TruthCache::evict(std::uint64_t id) {
+  Entry& entry = entries_.at(id);
+  if (entry.in_use) {
+    STGS_TRY(cuda_status(cudaStreamWaitEvent(copies_, entry.used, 0), "waiting for a step"));
+  }
+  if (entry.memory != nullptr) {
+    STGS_TRY(cuda_status(cudaFreeAsync(entry.memory, copies_), "freeing a picture"));
+    held_ -= entry.bytes;
+  }
+  by_use_.erase({entry.next_use, id});
+  entries_.erase(id);
+  return {};
+}
+
 Status TruthCache::allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory) {
+  STGS_TRY(make_room(bytes, now));
   for (;;) {
-    STGS_TRY(make_room(bytes, now));
     void* found = nullptr;
     const cudaError_t error = cudaMallocAsync(&found, bytes, copies_);
     memory = static_cast<std::uint8_t*>(found);
-    if (error != cudaErrorMemoryAllocation || entries_.size() < kFewest) {
-      return cuda_status(error, "finding room for a picture");
-    }
-    (void)cudaGetLastError();
+    if (error != cudaErrorMemoryAllocation) return cuda_status(error, "finding room for a picture");
+    (void)cudaGetLastError();  // told here, and remembered no longer
+    if (entries_.size() < kFewest) return no_memory_left(bytes);
     // The steps, or another process, have taken some of what there was.
-    budget_ = held_;
+    STGS_TRY(evict(least_needed(now)));
   }
 }
 

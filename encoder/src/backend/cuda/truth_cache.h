@@ -16,7 +16,7 @@ namespace stgs::encoder::cuda {
 
 class TruthCache {
  public:
-  ~TruthCache() { clear(); }
+  ~TruthCache() { (void)give_back(); }
 
   // Keeps at most `budget` bytes on the device, but always room for a few pictures; forgets those
   // that it has.
@@ -47,6 +47,7 @@ class TruthCache {
 
   Status find(const Picture& picture, Entry*& entry);
   Status make_room(std::size_t bytes, std::uint64_t now);
+  Status evict(std::uint64_t id);
   Status allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory);
   std::uint64_t least_needed(std::uint64_t now) const;
   Status copy(const Image8& image, std::uint8_t* memory, Entry& entry);
