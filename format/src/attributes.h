@@ -5,26 +5,10 @@
 #include <cstdint>
 #include <span>
 
+#include "stgs/format/coded_segment.h"
 #include "stgs/format/gaussian4d.h"
 
 namespace stgs {
-
-// In file order. From kOptionalAttributes on, readers skip what they do not know.
-enum class Attribute : std::uint16_t {
-  kPosition = 1,
-  kTime,
-  kSigma,
-  kRadius,
-  kVelocity,
-  kLogScale,
-  kRotation,
-  kOpacity,
-  kSh0,
-  kSh1,
-  kSh2,
-  kSh3,
-};
-inline constexpr std::uint16_t kOptionalAttributes = 0x8000;
 
 // The attributes of a set of this harmonic degree, in file order.
 std::span<const Attribute> attributes_of(int sh_degree);

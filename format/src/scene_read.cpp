@@ -111,24 +111,12 @@ class Reader final : public SceneReader {
   }
 
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const override {
-    if (segment >= segments_.size()) {
-      return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
-                         segments_.size());
-    }
-    try {
-      Findings findings;
-      SegmentRecords records;
-      Gaussians4D set;
-      if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
-          findings.ok()) {
-        decode_segment(records, head_, segment, set, findings);
-      }
-      if (!findings.ok()) return findings.status(source_->name());
-      return set;
-    } catch (const std::exception& e) {
-      return runtime_error("{}: segment {}: {}", source_->name(), segment, e.what());
-    }
+    return with_records<Gaussians4D>(segment, with_harmonics, decode_segment);
   }
+  Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const override {
+    return with_records<CodedSegment>(segment, with_harmonics, code_segment);
+  }
+  std::span<const RansLookup> tables() const override { return head_.layouts.lookups; }
 
   // Behind the last segment, where a lossless scene may have it (spec 5.11).
   Result<std::vector<float>> importance() const override {
@@ -154,6 +142,28 @@ class Reader final : public SceneReader {
   }
 
  private:
+  // What `make` makes of a segment's records.
+  template <typename T, typename Make>
+  Result<T> with_records(std::uint32_t segment, bool with_harmonics, const Make& make) const {
+    if (segment >= segments_.size()) {
+      return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
+                         segments_.size());
+    }
+    try {
+      Findings findings;
+      SegmentRecords records;
+      T out;
+      if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
+          findings.ok()) {
+        make(records, head_, segment, out, findings);
+      }
+      if (!findings.ok()) return findings.status(source_->name());
+      return out;
+    } catch (const std::exception& e) {
+      return runtime_error("{}: segment {}: {}", source_->name(), segment, e.what());
+    }
+  }
+
   std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head_.header.file_bytes - at));
     if (Status status = source_->read(at, bytes); !status.ok()) {

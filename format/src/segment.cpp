@@ -225,7 +225,61 @@ class RecordDecoder {
     }
   }
 
+  // The record as a decoder elsewhere takes it, after check_sizes().
+  bool code(CodedRecord& out) const {
+    std::vector<std::span<std::uint8_t>> places(layout_.streams.size());
+    std::size_t stored = 0;
+    for (const StreamRow& row : layout_.streams) {
+      if (is_known(row) && !is_coded(row)) stored += row.planes();
+    }
+    out.stored.resize(n_ * stored);
+    std::uint32_t in_group = 0, in_stored = 0;
+    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
+      const StreamRow& row = layout_.streams[i];
+      if (!is_known(row)) continue;
+      if (!is_coded(row)) {
+        places[i] = std::span(out.stored).subspan(n_ * in_stored, n_ * row.planes());
+      }
+      out.streams.push_back(coded_stream(row, in_group, in_stored, out.tables));
+    }
+    out.bytes.assign(record_.group.begin(), record_.group.end());
+    if (layout_.has_group()) {
+      Result<std::vector<RansBlockPlace>> blocks = rans_layout(record_.group, n_);
+      if (!blocks.ok()) return corrupt("rANS", blocks.status().message().c_str()), false;
+      out.blocks = std::move(*blocks);
+    }
+    out.own_tables = record_.has_own;
+    if (record_.has_own) out.lookups = set_.lookups;
+    return decode_bytes(places);
+  }
+
  private:
+  // Counts the planes that it takes of the group and of those stored.
+  CodedStream coded_stream(const StreamRow& row, std::uint32_t& in_group, std::uint32_t& in_stored,
+                           std::vector<std::uint16_t>& tables) const {
+    CodedStream out;
+    out.attribute = static_cast<Attribute>(row.attribute);
+    out.mapping = static_cast<Mapping>(row.mapping);
+    out.prediction = static_cast<Prediction>(row.prediction);
+    out.exponent = row.exponent;
+    out.components = row.components;
+    out.digits = row.digits;
+    out.digit_bits = row.digit_bits;
+    std::copy_n(row.origin, 3, out.origin.begin());
+    for (std::size_t p = 0; p < row.planes(); ++p) {
+      const std::int16_t only = is_coded(row) ? set_.only[row.tables[p]] : std::int16_t{-1};
+      if (!is_coded(row)) {
+        out.planes.push_back({CodedPlane::Source::kStored, 0, in_stored++});
+      } else if (only >= 0) {
+        out.planes.push_back({CodedPlane::Source::kConstant, static_cast<std::uint8_t>(only), 0});
+      } else {
+        out.planes.push_back({CodedPlane::Source::kGroup, 0, in_group++});
+        tables.push_back(row.tables[p]);
+      }
+    }
+    return out;
+  }
+
   std::size_t varying_planes() const {
     std::size_t count = 0;
     for (const StreamRow& row : layout_.streams) {
@@ -262,7 +316,7 @@ class RecordDecoder {
   }
 
   // The streams that are not rANS.
-  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) {
+  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) const {
     if (std::all_of(layout_.streams.begin(), layout_.streams.end(), is_coded)) return true;
     std::vector<const char*> problems(places.size());
     parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
@@ -282,7 +336,7 @@ class RecordDecoder {
     return true;
   }
 
-  void corrupt(const char* what, const char* problem) {
+  void corrupt(const char* what, const char* problem) const {
     findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_, what,
                     problem);
   }
@@ -295,6 +349,17 @@ class RecordDecoder {
   Findings& findings_;
   std::optional<RansGroupDecoder> group_;
 };
+
+SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
+                          std::uint32_t ordinal) {
+  const SegmentEntry& segment = head.index.segments[ordinal];
+  const PartEntry& part = head.parts[segment.part];
+  SegmentContext out;
+  out.part_ticks = static_cast<float>(part.end - part.begin);
+  out.begin = begin_of(segment.base.level, segment.base.slot, head.index.chunk_ticks);
+  out.first_key = records.base.first_key;
+  return out;
+}
 
 void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
              std::uint32_t ordinal, std::uint64_t offset, Gaussians4D& set, Findings& findings) {
@@ -325,6 +390,33 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
   return read_record(source, head, ordinal, segment.harmonics, records.harmonics, findings);
 }
 
+bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                  CodedSegment& out, Findings& findings) {
+  Findings found;
+  std::vector<RecordDecoder> decoders;
+  bool sizes_good = true;
+  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+    if (record->bytes.empty()) continue;
+    decoders.emplace_back(*record, head.layouts, ordinal,
+                          head.index.segments[ordinal].base.primitives, found);
+    sizes_good &= decoders.back().check_sizes();
+  }
+  if (sizes_good) {
+    const SegmentContext context = context_of(records, head, ordinal);
+    out.primitives = head.index.segments[ordinal].base.primitives;
+    out.sh_degree = head.metadata.sh_degree;
+    out.part_ticks = context.part_ticks;
+    out.begin = context.begin;
+    out.first_key = context.first_key;
+    for (const RecordDecoder& decoder : decoders) {
+      if (!decoder.code(out.records.emplace_back())) break;
+    }
+  }
+  const bool good = found.ok();
+  findings.append(std::move(found));
+  return good;
+}
+
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                     Gaussians4D& set, Findings& findings) {
   const IndexEntry& entry = head.index.segments[ordinal].base;
@@ -339,11 +431,7 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
   if (sizes_good) {
     set.sh_degree = head.metadata.sh_degree;
     set.resize(entry.primitives);
-    SegmentContext context;
-    const PartEntry& part = head.parts[head.index.segments[ordinal].part];
-    context.part_ticks = static_cast<float>(part.end - part.begin);
-    context.begin = begin_of(entry.level, entry.slot, head.index.chunk_ticks);
-    context.first_key = records.base.first_key;
+    const SegmentContext context = context_of(records, head, ordinal);
     std::vector<DecodedPlanes> planes(decoders.size());
     std::vector<StreamTask> tasks;
     for (std::size_t d = 0; d < decoders.size(); ++d) {

@@ -57,6 +57,10 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_harmonics, SegmentRecords& records, Findings& findings);
 
+// The same as a decoder elsewhere takes them.
+bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                  CodedSegment& out, Findings& findings);
+
 // Decodes all streams into `set`, whose arrays are made no larger than the bytes can fill, and
 // checks that its primitives can be drawn (check_primitives).
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,

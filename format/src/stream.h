@@ -12,36 +12,16 @@
 
 #include "attributes.h"
 #include "findings.h"
+#include "stgs/format/coded_segment.h"
 
 namespace stgs {
 
-// What an integer q means (spec 7.5). A new meaning is a new number.
-enum class Mapping : std::uint8_t {
-  kFloat = 0,           // the bits of a float32
-  kLinear = 1,          // origin[c mod 3] + 2^exponent q
-  kTruncated = 2,       // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
-  kDisplacement = 3,    // 2^(exponent - log2 of the lifespan) q
-  kRotation = 4,        // vector part of a unit quaternion in units of 2^exponent
-  kColour = 5,          // 2^exponent times the channels of luma and two chroma integers
-  kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
-  kMoment = 7,          // kLinear, from the beginning of the segment on
-};
-// How q follows from the values v of the planes (spec 7.4).
-enum class Prediction : std::uint8_t {
-  kPlain = 0,   // q = v
-  kZigzag = 1,  // q = unzigzag(v)
-  kDelta = 2,   // q = previous q + unzigzag(v)
-  kMorton = 3,  // running sum of v from the record's first key, its bits dealt to three q
-};
 enum class Coder : std::uint8_t {
   kBytes = 0,  // a zstd frame of the planes, or the planes
   kRans = 1,   // in the record's group
 };
 
-inline constexpr std::size_t kMaxDigits = 16;
 inline constexpr int kMortonBits = 21;  // an axis
-// Exponents of a rotation's step.
-inline constexpr int kFinestRotation = -12, kCoarsestRotation = -1;
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1}
                                             << 24;  // |q| below it is exact in float32
 
@@ -114,8 +94,6 @@ inline int lifespan_exponent(float sigma, float radius, float part_ticks) {
   const float lifespan = std::min(radius + 2.0f * sigma, part_ticks);
   return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
 }
-// The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
-std::int64_t first_moment(double begin, int exponent);
 
 constexpr std::uint32_t zigzag(std::int32_t q) {
   return (static_cast<std::uint32_t>(q) << 1) ^ static_cast<std::uint32_t>(q >> 31);

@@ -5,6 +5,7 @@
 #include <cuda_runtime_api.h>
 
 #include <cstring>
+#include <numeric>
 #include <stdexcept>
 #include <vector>
 
@@ -58,11 +59,15 @@ struct DeviceGroup {
     bytes = OnDevice<std::uint8_t>(stored);
     blocks = OnDevice<RansBlockPlace>(*places);
     lookups = OnDevice<RansLookup>(tables_filled);
+    std::vector<std::uint16_t> numbers(tables.size());
+    std::iota(numbers.begin(), numbers.end(), std::uint16_t{0});
+    table_numbers = OnDevice<std::uint16_t>(numbers);
     symbols = OnDevice<std::uint8_t>(std::vector<std::uint8_t>(n * tables.size()));
     damaged = OnDevice<std::uint32_t>(std::vector<std::uint32_t>(1));
     group.bytes = bytes.data();
     group.blocks = blocks.data();
     group.lookups = reinterpret_cast<const std::uint32_t*>(lookups.data());
+    group.tables = table_numbers.data();
     group.symbols = symbols.data();
     group.damaged = damaged.data();
     group.primitives = static_cast<std::uint32_t>(n);
@@ -72,6 +77,7 @@ struct DeviceGroup {
   OnDevice<std::uint8_t> bytes, symbols;
   OnDevice<RansBlockPlace> blocks;
   OnDevice<RansLookup> lookups;
+  OnDevice<std::uint16_t> table_numbers;
   OnDevice<std::uint32_t> damaged;
   player::cuda::RansGroup group;
 };

@@ -92,7 +92,7 @@ __global__ void __launch_bounds__(kThreads)
   Words words(stored + 2 * lanes, place.words, lane);
   for (std::uint32_t p = 0; p < group.planes; ++p) {
     __syncthreads();  // all have done with the plane before
-    load_lookup(group.lookups + std::uint64_t{p} * kRansTotal, lookup);
+    load_lookup(group.lookups + std::uint64_t{group.tables[p]} * kRansTotal, lookup);
     __syncthreads();
     decode_plane(lookup, count, lanes, lane, state, words,
                  group.symbols + std::uint64_t{p} * group.primitives + begin);

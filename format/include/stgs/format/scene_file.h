@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "stgs/format/byte_source.h"
+#include "stgs/format/coded_segment.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/status.h"
@@ -152,6 +153,12 @@ class SceneReader {
   // apart, and their bytes are not read.
   virtual Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const = 0;
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
+  // The same segment as stored, for a decoder on another device. Its checksum is checked, but not
+  // that of the planes, which are not decoded here.
+  virtual Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const = 0;
+  // The tables of the file, which the records of its segments name; as long as the reader, until
+  // refresh().
+  virtual std::span<const RansLookup> tables() const = 0;
   // Scene::importance, segment after segment; empty where the file does not have it.
   virtual Result<std::vector<float>> importance() const = 0;
 };

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// A segment as it is stored, read and checked: what is left to do is decoding its planes and
+// mapping them to numbers (spec 7), on whatever device.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "stgs/format/rans_layout.h"
+
+namespace stgs {
+
+// In file order (spec 6.3). From kOptionalAttributes on, readers skip what they do not know.
+enum class Attribute : std::uint16_t {
+  kPosition = 1,
+  kTime,
+  kSigma,
+  kRadius,
+  kVelocity,
+  kLogScale,
+  kRotation,
+  kOpacity,
+  kSh0,
+  kSh1,
+  kSh2,
+  kSh3,
+};
+inline constexpr std::uint16_t kOptionalAttributes = 0x8000;
+
+// What an integer q means (spec 7.5). A new meaning is a new number.
+enum class Mapping : std::uint8_t {
+  kFloat = 0,           // the bits of a float32
+  kLinear = 1,          // origin[c mod 3] + 2^exponent q
+  kTruncated = 2,       // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
+  kDisplacement = 3,    // 2^(exponent - log2 of the lifespan) q
+  kRotation = 4,        // vector part of a unit quaternion in units of 2^exponent
+  kColour = 5,          // 2^exponent times the channels of luma and two chroma integers
+  kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
+  kMoment = 7,          // kLinear, from the beginning of the segment on
+};
+// How q follows from the values v of the planes (spec 7.4).
+enum class Prediction : std::uint8_t {
+  kPlain = 0,   // q = v
+  kZigzag = 1,  // q = unzigzag(v)
+  kDelta = 2,   // q = previous q + unzigzag(v)
+  kMorton = 3,  // running sum of v from the record's first key, its bits dealt to three q
+};
+
+inline constexpr std::size_t kMaxDigits = 16;
+// Exponents of a rotation's step.
+inline constexpr int kFinestRotation = -12, kCoarsestRotation = -1;
+
+// One digit of one component of all primitives of a record.
+struct CodedPlane {
+  enum class Source : std::uint8_t {
+    kConstant,  // `only` for each of them
+    kGroup,     // plane `number` of the record's rANS group
+    kStored,    // plane `number` of `stored`
+  };
+  Source source = Source::kConstant;
+  std::uint8_t only = 0;
+  std::uint32_t number = 0;
+};
+
+// An attribute of a record's primitives.
+struct CodedStream {
+  Attribute attribute = Attribute::kPosition;
+  Mapping mapping = Mapping::kFloat;
+  Prediction prediction = Prediction::kPlain;
+  int exponent = 0;
+  std::size_t components = 0;                         // of the planes
+  std::size_t digits = 0;                             // of a value, lowest first
+  std::array<std::uint8_t, kMaxDigits> digit_bits{};  // of each
+  std::array<float, 3> origin{};
+  std::vector<CodedPlane> planes;  // components x digits
+};
+
+struct CodedRecord {
+  std::vector<CodedStream> streams;    // in file order
+  std::vector<std::uint8_t> bytes;     // of the rANS group; empty: there is none
+  std::vector<RansBlockPlace> blocks;  // of the group
+  std::vector<std::uint16_t> tables;   // by plane of the group
+  bool own_tables = false;             // `tables` are numbers of `lookups`, not the file's
+  std::vector<RansLookup> lookups;     // empty unless own_tables
+  std::vector<std::uint8_t> stored;    // planes that are not rANS, n symbols each
+};
+
+struct CodedSegment {
+  std::uint32_t primitives = 0;
+  int sh_degree = 0;                 // of the file
+  float part_ticks = 0;              // length of its part
+  double begin = 0;                  // of the segment, before its part cuts it; ticks
+  std::uint64_t first_key = 0;       // of positions with Prediction::kMorton
+  std::vector<CodedRecord> records;  // that with the base, then that of the harmonics
+};
+
+// The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
+std::int64_t first_moment(double begin, int exponent);
+
+}  // namespace stgs

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// Device and pinned memory with an owner. One thread; the current device.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+
+#include "stgs/format/status.h"
+
+namespace stgs::player::cuda {
+
+inline Status cuda_status(cudaError_t error, const char* what) {
+  if (error == cudaSuccess) return {};
+  return runtime_error("CUDA failed while {}: {}", what, cudaGetErrorString(error));
+}
+
+// Bytes that grow as they are asked for; what they held is lost then.
+template <cudaError_t (*kAllocate)(void**, std::size_t), cudaError_t (*kFree)(void*)>
+class GrowingBuffer {
+ public:
+  GrowingBuffer() = default;
+  GrowingBuffer(const GrowingBuffer&) = delete;
+  GrowingBuffer& operator=(const GrowingBuffer&) = delete;
+  ~GrowingBuffer() { kFree(data_); }
+
+  Status ensure(std::size_t bytes) {
+    if (bytes <= bytes_) return {};
+    kFree(data_);
+    data_ = nullptr;
+    bytes_ = 0;
+    const std::size_t wanted = bytes + bytes / 4;
+    if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
+      (void)cudaGetLastError();  // told here, and remembered no longer
+      data_ = nullptr;
+      return runtime_error("no {} MiB of GPU memory left for decoding", (wanted >> 20) + 1);
+    }
+    bytes_ = wanted;
+    return {};
+  }
+  std::uint8_t* data() const { return static_cast<std::uint8_t*>(data_); }
+
+ private:
+  void* data_ = nullptr;
+  std::size_t bytes_ = 0;
+};
+
+using DeviceBuffer = GrowingBuffer<cudaMalloc, cudaFree>;
+using PinnedBuffer = GrowingBuffer<cudaMallocHost, cudaFreeHost>;
+
+}  // namespace stgs::player::cuda

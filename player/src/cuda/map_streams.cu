@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: Apache-2.0
+// A thread block maps a chunk of a stream, its threads successive primitives. Products and sums of
+// floats are rounded one by one: a fused one would give other bits than the processor's.
+#include "cuda/map_streams.h"
+
+#include <cub/block/block_reduce.cuh>
+#include <cub/block/block_scan.cuh>
+
+namespace stgs::player::cuda {
+namespace {
+
+constexpr std::uint32_t kThreads = 256, kWarp = 32;
+constexpr std::uint32_t kRounds = kMapChunk / kThreads;
+constexpr std::uint32_t kMostTogether = 4;  // components that make floats together
+
+using Reduce = cub::BlockReduce<std::uint64_t, kThreads>;
+using Scan = cub::BlockScan<std::uint64_t, kThreads>;
+
+__device__ float power_of_two(int e) {
+  return __int_as_float((min(max(e, -126), 127) + 127) << 23);
+}
+
+__device__ std::uint32_t unzigzag(std::uint32_t v) {
+  return (v >> 1) ^ (0u - (v & 1u));
+}
+
+// Every third bit of a key, from the lowest on.
+__device__ std::uint32_t compact3(std::uint64_t v) {
+  v &= 0x1249249249249249;
+  v = (v | v >> 2) & 0x10C30C30C30C30C3;
+  v = (v | v >> 4) & 0x100F00F00F00F00F;
+  v = (v | v >> 8) & 0x1F0000FF0000FF;
+  v = (v | v >> 16) & 0x1F00000000FFFF;
+  v = (v | v >> 32) & 0x1FFFFF;
+  return static_cast<std::uint32_t>(v);
+}
+
+// A value of a component as its digits have it.
+__device__ std::uint64_t value_at(const MapJob& job, std::uint32_t component, std::uint32_t i) {
+  const MapPlane* plane = job.planes + component * job.digits;
+  std::uint64_t value = 0;
+  int shift = 0;
+  for (std::uint32_t d = 0; d < job.digits; ++d) {
+    const std::uint64_t digit = plane[d].symbols != nullptr ? plane[d].symbols[i] : plane[d].only;
+    value |= digit << shift;
+    shift += job.digit_bits[d];
+  }
+  return value;
+}
+
+// What a value adds to the sum of those before it.
+__device__ std::uint64_t difference_at(const MapJob& job, std::uint32_t component,
+                                       std::uint32_t i) {
+  const std::uint64_t value = value_at(job, component, i);
+  return job.prediction == Prediction::kMorton ? value
+                                               : unzigzag(static_cast<std::uint32_t>(value));
+}
+
+__device__ bool in_range(std::uint32_t q) {
+  return (q + (1u << 24)) >> 25 == 0;
+}
+
+__device__ float number(std::uint32_t q) {
+  return static_cast<float>(static_cast<std::int32_t>(q));
+}
+
+__device__ float linear(float origin, int exponent, std::uint32_t q) {
+  return __fadd_rn(origin, __fmul_rn(power_of_two(exponent), number(q)));
+}
+
+// spec 7.5.3.
+__device__ bool truncated(const MapJob& job, std::uint32_t q, float& out) {
+  const std::uint32_t first = __float_as_uint(job.origin[0]);
+  if (first >= 0x7F800000) return false;
+  out = __fsub_rn(__uint_as_float(first + (q << job.exponent)), job.origin[1]);
+  return in_range(q) && q <= (0x7F7FFFFF - first) >> job.exponent;
+}
+
+// spec 7.5.4.
+__device__ float displacement(const MapJob& job, std::uint32_t i, std::uint32_t q) {
+  const float reach = __fadd_rn(job.radius[i], __fmul_rn(2.0f, job.sigma[i]));
+  const float lifespan = job.part_ticks < reach ? job.part_ticks : reach;
+  const int life = static_cast<int>(__float_as_uint(lifespan) >> 23 & 0xFF) - 127;
+  return __fmul_rn(number(q), power_of_two(job.exponent - life));
+}
+
+// spec 7.5.7.
+__device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
+  int e = job.exponent;
+  if (job.mapping == Mapping::kShapedRotation) {
+    const float* s = job.log_scale + 3 * std::uint64_t{i};
+    const float length = __fsub_rn(fmaxf(fmaxf(s[0], s[1]), s[2]), fminf(fminf(s[0], s[1]), s[2]));
+    e += 3 - (length >= 0.125f) - (length >= 0.5f) - (length >= 1.25f) - (length >= 2.375f) -
+         (length >= 3.75f) - (length >= 5.0f);
+  }
+  return min(max(e, kFinestRotation), kCoarsestRotation);
+}
+
+// spec 7.5.5.
+__device__ bool rotation(int e, const std::uint32_t (&q)[kMostTogether],
+                         float (&out)[kMostTogether]) {
+  const double x = static_cast<std::int32_t>(q[0]), y = static_cast<std::int32_t>(q[1]),
+               z = static_cast<std::int32_t>(q[2]);
+  const double rest = static_cast<double>(power_of_two(-2 * e)) - x * x - y * y - z * z;
+  out[0] = __fmul_rn(power_of_two(e), __fsqrt_rn(static_cast<float>(rest > 0.0 ? rest : 0.0)));
+  for (int c = 0; c < 3; ++c) out[c + 1] = __fmul_rn(number(q[c]), power_of_two(e));
+  return rest > 0.0 && in_range(q[0]) && in_range(q[1]) && in_range(q[2]);
+}
+
+// Components that make floats together, and how many floats.
+__device__ std::uint32_t together(const MapJob& job) {
+  if (job.attribute == Attribute::kRotation) return job.components;
+  return job.mapping == Mapping::kColour ? 3 : 1;
+}
+
+// The floats of components [c, c + together) of primitive i; false where one is out of range.
+__device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
+                           std::uint32_t (&q)[kMostTogether], float (&out)[kMostTogether]) {
+  switch (job.mapping) {
+    case Mapping::kFloat:
+      for (std::uint32_t k = 0; k < kMostTogether; ++k) out[k] = __uint_as_float(q[k]);
+      return true;
+    case Mapping::kTruncated:
+      return truncated(job, q[0], out[0]);
+    case Mapping::kDisplacement:
+      out[0] = displacement(job, i, q[0]);
+      return in_range(q[0]);
+    case Mapping::kRotation:
+    case Mapping::kShapedRotation:
+      return rotation(rotation_exponent(job, i), q, out);
+    case Mapping::kColour: {
+      const std::uint32_t luma = q[0], orange = q[1], chroma = q[2];
+      out[0] = linear(0.0f, job.exponent, luma - chroma + orange);
+      out[1] = linear(0.0f, job.exponent, luma + chroma);
+      out[2] = linear(0.0f, job.exponent, luma - chroma - orange);
+      return in_range(luma) && in_range(orange) && in_range(chroma);
+    }
+    case Mapping::kMoment: {
+      const std::uint32_t sum = q[0] + static_cast<std::uint32_t>(job.first_moment);
+      out[0] = linear(job.origin[0], job.exponent, sum);
+      return in_range(q[0]) && in_range(sum);
+    }
+    default:
+      out[0] = linear(job.origin[c % 3], job.exponent, q[0]);
+      return in_range(q[0]);
+  }
+}
+
+// Whether a primitive with these floats of the attribute can be drawn (spec 6.4).
+__device__ bool drawable(const MapJob& job, const float* v, std::uint32_t count) {
+  bool finite = true, zero = true;
+  for (std::uint32_t k = 0; k < count; ++k) {
+    finite = finite && isfinite(v[k]);
+    zero = zero && v[k] == 0.0f;
+  }
+  if (job.attribute == Attribute::kSigma) return finite && v[0] > 0.0f;
+  if (job.attribute == Attribute::kRadius) return finite && v[0] >= 0.0f;
+  return finite && !(zero && job.attribute == Attribute::kRotation);
+}
+
+// The sum of the differences up to and with each thread's, from `before` on, which then is that of
+// all. For all threads of a block.
+__device__ std::uint64_t running_sum(std::uint64_t difference, std::uint64_t& before) {
+  __shared__ typename Scan::TempStorage storage;
+  std::uint64_t sum = 0, total = 0;
+  Scan(storage).InclusiveSum(difference, sum, total);
+  __syncthreads();
+  sum += before;
+  before += total;
+  return sum;
+}
+
+__global__ void __launch_bounds__(kThreads) sum_kernel(const MapJob* jobs, const MapWork* works) {
+  __shared__ typename Reduce::TempStorage storage;
+  const MapWork work = works[blockIdx.x];
+  const MapJob& job = jobs[work.job];
+  for (std::uint32_t c = 0; c < job.components; ++c) {
+    std::uint64_t sum = 0;
+    for (std::uint32_t r = 0; r < kRounds; ++r) {
+      const std::uint32_t i = work.chunk * kMapChunk + r * kThreads + threadIdx.x;
+      if (i < job.primitives) sum += difference_at(job, c, i);
+    }
+    sum = Reduce(storage).Sum(sum);
+    __syncthreads();
+    if (threadIdx.x == 0) job.sums[std::uint64_t{work.chunk} * job.components + c] = sum;
+  }
+}
+
+// A thread block takes a job, a warp of it a component: chunk by chunk, 32 at a time.
+__global__ void __launch_bounds__(kThreads)
+    chunk_kernel(const MapJob* jobs, const std::uint32_t* summed) {
+  const MapJob& job = jobs[summed[blockIdx.x]];
+  const std::uint32_t lane = threadIdx.x % kWarp, chunks = job.chunks;
+  for (std::uint32_t c = threadIdx.x / kWarp; c < job.components; c += kThreads / kWarp) {
+    std::uint64_t before = job.prediction == Prediction::kMorton ? job.first_key : 0;
+    for (std::uint32_t first = 0; first < chunks; first += kWarp) {
+      const std::uint32_t chunk = first + lane;
+      std::uint64_t* const at = job.sums + std::uint64_t{chunk} * job.components + c;
+      const std::uint64_t own = chunk < chunks ? *at : 0;
+      std::uint64_t sum = own;
+      for (std::uint32_t step = 1; step < kWarp; step *= 2) {
+        const std::uint64_t other = __shfl_up_sync(0xFFFFFFFFu, sum, step);
+        if (lane >= step) sum += other;
+      }
+      if (chunk < chunks) *at = before + sum - own;
+      before += __shfl_sync(0xFFFFFFFFu, sum, kWarp - 1);
+    }
+  }
+}
+
+// Positions of keys; false where one has more than 63 bits.
+__device__ bool map_keys(const MapJob& job, std::uint32_t chunk) {
+  std::uint64_t before = job.sums[chunk];
+  bool good = true;
+  for (std::uint32_t r = 0; r < kRounds; ++r) {
+    const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
+    const bool inside = i < job.primitives;
+    const std::uint64_t step = inside ? value_at(job, 0, i) : 0;
+    const std::uint64_t key = running_sum(step, before);
+    if (!inside) continue;
+    good = good && (step | key) >> 63 == 0;
+    float v[3];
+    for (std::uint32_t axis = 0; axis < 3; ++axis) {
+      v[axis] = linear(job.origin[axis], job.exponent, compact3(key >> axis));
+      job.to[std::uint64_t{i} * job.stride + axis] = v[axis];
+    }
+    good = good && drawable(job, v, 3);
+  }
+  return good;
+}
+
+// Components [c, c + width) of a chunk, all at once; false where a value must be refused.
+__device__ bool map_components(const MapJob& job, std::uint32_t chunk, std::uint32_t c,
+                               std::uint32_t width) {
+  const bool summed = job.prediction == Prediction::kDelta;
+  const std::uint32_t floats =
+      width == 3 && job.attribute == Attribute::kRotation ? kMostTogether : width;
+  std::uint64_t before[kMostTogether] = {};
+  for (std::uint32_t k = 0; summed && k < width; ++k) {
+    before[k] = job.sums[std::uint64_t{chunk} * job.components + c + k];
+  }
+  bool good = true;
+  for (std::uint32_t r = 0; r < kRounds; ++r) {
+    const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
+    const bool inside = i < job.primitives;
+    std::uint32_t q[kMostTogether] = {};
+    for (std::uint32_t k = 0; k < width; ++k) {
+      const auto v = inside ? static_cast<std::uint32_t>(value_at(job, c + k, i)) : 0u;
+      q[k] = job.prediction == Prediction::kPlain ? v : unzigzag(v);
+      if (summed) q[k] = static_cast<std::uint32_t>(running_sum(q[k], before[k]));
+    }
+    if (!inside) continue;
+    float v[kMostTogether] = {};
+    good = map_values(job, c, i, q, v) && good;
+    for (std::uint32_t k = 0; k < floats; ++k) job.to[std::uint64_t{i} * job.stride + c + k] = v[k];
+    good = drawable(job, v, floats) && good;
+  }
+  return good;
+}
+
+__global__ void __launch_bounds__(kThreads) map_kernel(const MapJob* jobs, const MapWork* works) {
+  const MapWork work = works[blockIdx.x];
+  const MapJob& job = jobs[work.job];
+  bool good = true;
+  if (job.prediction == Prediction::kMorton) {
+    good = map_keys(job, work.chunk);
+  } else {
+    const std::uint32_t width = together(job);
+    for (std::uint32_t c = 0; c < job.components; c += width) {
+      good = map_components(job, work.chunk, c, width) && good;
+    }
+  }
+  if (!good) *job.bad = 1;
+}
+
+}  // namespace
+
+void sum_differences(const MapJob* jobs, const MapWork* work, std::uint32_t count,
+                     const std::uint32_t* summed, std::uint32_t jobs_summed, cudaStream_t stream) {
+  if (count == 0) return;
+  sum_kernel<<<count, kThreads, 0, stream>>>(jobs, work);
+  chunk_kernel<<<jobs_summed, kThreads, 0, stream>>>(jobs, summed);
+}
+
+void map_streams(const MapJob* jobs, const MapWork* work, std::uint32_t count,
+                 cudaStream_t stream) {
+  if (count > 0) map_kernel<<<count, kThreads, 0, stream>>>(jobs, work);
+}
+
+}  // namespace stgs::player::cuda

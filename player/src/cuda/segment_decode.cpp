@@ -1,0 +1,326 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/segment_decode.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace stgs::player::cuda {
+namespace {
+
+constexpr std::size_t kAlign = 16;
+
+constexpr std::size_t aligned(std::size_t bytes) {
+  return (bytes + kAlign - 1) / kAlign * kAlign;
+}
+
+// Memory that is filled here and lies at the same places on the device.
+class Upload {
+ public:
+  Upload(std::uint8_t* here, std::uint8_t* there) : here_(here), there_(there) {}
+
+  // The device's address of a copy of `values`.
+  template <typename T>
+  T* add(const std::vector<T>& values) {
+    const std::size_t at = used_, bytes = sizeof(T) * values.size();
+    if (bytes > 0) std::memcpy(here_ + at, values.data(), bytes);
+    used_ += aligned(bytes);
+    return reinterpret_cast<T*>(there_ + at);
+  }
+  std::size_t used() const { return used_; }
+
+ private:
+  std::uint8_t *here_, *there_;
+  std::size_t used_ = 0;
+};
+
+struct View {
+  float* data = nullptr;
+  std::uint32_t stride = 0;
+};
+
+View view_of(const DeviceGaussians& set, Attribute attribute, int sh_degree) {
+  const auto sh_stride = static_cast<std::uint32_t>(3 * (sh_degree + 1) * (sh_degree + 1));
+  switch (attribute) {
+    case Attribute::kPosition:
+      return {set.position, 3};
+    case Attribute::kTime:
+      return {set.time, 1};
+    case Attribute::kSigma:
+      return {set.sigma, 1};
+    case Attribute::kRadius:
+      return {set.radius, 1};
+    case Attribute::kVelocity:
+      return {set.velocity, 3};
+    case Attribute::kLogScale:
+      return {set.log_scale, 3};
+    case Attribute::kRotation:
+      return {set.rotation, 4};
+    case Attribute::kOpacity:
+      return {set.opacity_logit, 1};
+    case Attribute::kSh0:
+      return {set.sh, sh_stride};
+    case Attribute::kSh1:
+      return {set.sh + 3, sh_stride};
+    case Attribute::kSh2:
+      return {set.sh + 12, sh_stride};
+    case Attribute::kSh3:
+      return {set.sh + 27, sh_stride};
+  }
+  return {};
+}
+
+// Whether others of the primitive must be decoded before.
+bool needs_others(const CodedStream& stream) {
+  return stream.mapping == Mapping::kDisplacement || stream.mapping == Mapping::kShapedRotation;
+}
+
+bool is_summed(const CodedStream& stream) {
+  return stream.prediction == Prediction::kDelta || stream.prediction == Prediction::kMorton;
+}
+
+// Memory that a segment takes: uploaded, and on the device alone.
+struct Need {
+  std::size_t upload = 0, scratch = 0;
+};
+
+Need need_of(const CodedSegment& segment) {
+  const std::size_t n = segment.primitives, chunks = map_chunks(segment.primitives);
+  Need need;
+  for (const CodedRecord& record : segment.records) {
+    need.upload += aligned(record.stored.size()) + aligned(record.bytes.size()) +
+                   aligned(sizeof(RansBlockPlace) * record.blocks.size()) +
+                   aligned(sizeof(std::uint16_t) * record.tables.size()) +
+                   sizeof(RansLookup) * record.lookups.size() + sizeof(RansGroup) +
+                   sizeof(RansWork) * (record.blocks.size() / kRansWarps + 1);
+    need.scratch += aligned(n * record.tables.size());
+    for (const CodedStream& stream : record.streams) {
+      need.upload += aligned(sizeof(MapPlane) * stream.planes.size()) + sizeof(MapJob) +
+                     sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks;
+      if (is_summed(stream)) {
+        need.scratch += aligned(sizeof(std::uint64_t) * chunks * stream.components);
+      }
+    }
+  }
+  return need;
+}
+
+constexpr std::size_t kArrays = 7;  // of a plan, each aligned
+constexpr int kPhases = 2;          // of the mapping
+
+// Whether the harmonics that the file's degree has are all there.
+bool has_harmonics(const CodedSegment& segment) {
+  std::size_t coefficients = 0;
+  for (const CodedRecord& record : segment.records) {
+    for (const CodedStream& stream : record.streams) {
+      if (stream.attribute >= Attribute::kSh0) coefficients += stream.components;
+    }
+  }
+  return coefficients ==
+         static_cast<std::size_t>(3 * (segment.sh_degree + 1) * (segment.sh_degree + 1));
+}
+
+}  // namespace
+
+// Puts the work of some segments into staging memory.
+class SegmentDecoder::Plan {
+ public:
+  Plan(Upload upload, std::uint8_t* scratch, const std::uint32_t* tables, std::uint32_t* flags)
+      : upload_(upload), scratch_(scratch), tables_(tables), flags_(flags) {}
+
+  void add(const CodedSegment& segment, const DeviceGaussians& to) {
+    for (const CodedRecord& record : segment.records) {
+      const std::uint8_t* const stored = upload_.add(record.stored);
+      const std::uint8_t* const symbols = take(segment.primitives * record.tables.size());
+      if (!record.tables.empty()) add_group(segment, record, const_cast<std::uint8_t*>(symbols));
+      for (const CodedStream& stream : record.streams) {
+        add_stream(segment, to, stream, symbols, stored);
+      }
+    }
+    ++flags_;
+  }
+
+  Launch finish() {
+    Launch out;
+    const std::vector<RansWork> rans = rans_work(group_sizes_);
+    out.groups = upload_.add(groups_);
+    out.rans = upload_.add(rans);
+    out.rans_count = size_of(rans);
+    out.jobs = upload_.add(jobs_);
+    out.sums = upload_.add(sum_work_);
+    out.sum_count = size_of(sum_work_);
+    out.summed = upload_.add(summed_);
+    out.summed_count = size_of(summed_);
+    for (int phase = 0; phase < kPhases; ++phase) {
+      out.maps[phase] = upload_.add(work_[phase]);
+      out.map_count[phase] = size_of(work_[phase]);
+    }
+    out.upload = upload_.used();
+    return out;
+  }
+
+ private:
+  template <typename T>
+  static std::uint32_t size_of(const std::vector<T>& values) {
+    return static_cast<std::uint32_t>(values.size());
+  }
+  // Scratch memory.
+  std::uint8_t* take(std::size_t bytes) {
+    std::uint8_t* const at = scratch_;
+    scratch_ += aligned(bytes);
+    return at;
+  }
+
+  void add_group(const CodedSegment& segment, const CodedRecord& record, std::uint8_t* symbols) {
+    RansGroup group;
+    group.bytes = upload_.add(record.bytes);
+    group.blocks = upload_.add(record.blocks);
+    group.tables = upload_.add(record.tables);
+    group.lookups = record.own_tables
+                        ? reinterpret_cast<const std::uint32_t*>(upload_.add(record.lookups))
+                        : tables_;
+    group.symbols = symbols;
+    group.damaged = flags_;
+    group.primitives = segment.primitives;
+    group.planes = size_of(record.tables);
+    groups_.push_back(group);
+    group_sizes_.push_back(segment.primitives);
+  }
+
+  const MapPlane* add_planes(const CodedSegment& segment, const CodedStream& stream,
+                             const std::uint8_t* symbols, const std::uint8_t* stored) {
+    std::vector<MapPlane> planes;
+    for (const CodedPlane& plane : stream.planes) {
+      const std::size_t at = std::size_t{plane.number} * segment.primitives;
+      switch (plane.source) {
+        case CodedPlane::Source::kConstant:
+          planes.push_back({nullptr, plane.only});
+          break;
+        case CodedPlane::Source::kGroup:
+          planes.push_back({symbols + at, 0});
+          break;
+        case CodedPlane::Source::kStored:
+          planes.push_back({stored + at, 0});
+          break;
+      }
+    }
+    return upload_.add(planes);
+  }
+
+  void add_stream(const CodedSegment& segment, const DeviceGaussians& to, const CodedStream& stream,
+                  const std::uint8_t* symbols, const std::uint8_t* stored) {
+    const std::uint32_t number = size_of(jobs_), chunks = map_chunks(segment.primitives);
+    const View view = view_of(to, stream.attribute, segment.sh_degree);
+    MapJob job;
+    job.planes = add_planes(segment, stream, symbols, stored);
+    job.to = view.data;
+    job.stride = view.stride;
+    job.sigma = to.sigma;
+    job.radius = to.radius;
+    job.log_scale = to.log_scale;
+    job.bad = flags_;
+    job.first_key = segment.first_key;
+    std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
+    job.part_ticks = segment.part_ticks;
+    job.first_moment = static_cast<std::int32_t>(first_moment(segment.begin, stream.exponent));
+    job.primitives = segment.primitives;
+    job.chunks = chunks;
+    job.exponent = stream.exponent;
+    job.components = static_cast<std::uint32_t>(stream.components);
+    job.digits = static_cast<std::uint32_t>(stream.digits);
+    job.attribute = stream.attribute;
+    job.mapping = stream.mapping;
+    job.prediction = stream.prediction;
+    std::copy(stream.digit_bits.begin(), stream.digit_bits.end(), job.digit_bits);
+    if (is_summed(stream)) {
+      job.sums = reinterpret_cast<std::uint64_t*>(
+          take(sizeof(std::uint64_t) * chunks * stream.components));
+      summed_.push_back(number);
+    }
+    jobs_.push_back(job);
+    for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) {
+      if (is_summed(stream)) sum_work_.push_back({number, chunk});
+      work_[needs_others(stream) ? 1 : 0].push_back({number, chunk});
+    }
+  }
+
+  Upload upload_;
+  std::uint8_t* scratch_;
+  const std::uint32_t* tables_;
+  std::uint32_t* flags_;  // of the segment that is added
+  std::vector<MapJob> jobs_;
+  std::vector<std::uint32_t> summed_;  // jobs with sums
+  std::vector<MapWork> sum_work_, work_[kPhases];
+  std::vector<RansGroup> groups_;
+  std::vector<std::uint32_t> group_sizes_;
+};
+
+Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
+  STGS_TRY(tables_.ensure(tables.size_bytes()));
+  return cuda_status(
+      cudaMemcpy(tables_.data(), tables.data(), tables.size_bytes(), cudaMemcpyHostToDevice),
+      "sending tables");
+}
+
+Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
+                               std::span<const DeviceGaussians> to) {
+  Need need{kAlign * kArrays, 0};
+  for (const CodedSegment* segment : segments) {
+    const Need one = need_of(*segment);
+    need.upload += one.upload;
+    need.scratch += one.scratch;
+  }
+  const std::size_t flag_bytes = sizeof(std::uint32_t) * segments.size();
+  STGS_TRY(staging_.ensure(need.upload));
+  STGS_TRY(input_.ensure(need.upload));
+  STGS_TRY(scratch_.ensure(need.scratch));
+  STGS_TRY(flags_.ensure(flag_bytes));
+  STGS_TRY(found_.ensure(flag_bytes));
+  segments_ = segments.size();
+  cleared_.clear();
+  Plan plan({staging_.data(), input_.data()}, scratch_.data(),
+            reinterpret_cast<const std::uint32_t*>(tables_.data()),
+            reinterpret_cast<std::uint32_t*>(flags_.data()));
+  for (std::size_t k = 0; k < segments.size(); ++k) {
+    const CodedSegment& segment = *segments[k];
+    plan.add(segment, to[k]);
+    if (has_harmonics(segment)) continue;
+    const auto coefficients =
+        static_cast<std::size_t>((segment.sh_degree + 1) * (segment.sh_degree + 1));
+    cleared_.push_back({to[k].sh, sizeof(float) * 3 * coefficients * segment.primitives});
+  }
+  launch_ = plan.finish();
+  return {};
+}
+
+Status SegmentDecoder::launch(cudaStream_t stream) {
+  stream_ = stream;
+  const std::size_t flag_bytes = sizeof(std::uint32_t) * segments_;
+  for (const Cleared& cleared : cleared_) {
+    STGS_TRY(
+        cuda_status(cudaMemsetAsync(cleared.at, 0, cleared.bytes, stream), "clearing harmonics"));
+  }
+  STGS_TRY(cuda_status(cudaMemsetAsync(flags_.data(), 0, flag_bytes, stream), "clearing flags"));
+  STGS_TRY(cuda_status(cudaMemcpyAsync(input_.data(), staging_.data(), launch_.upload,
+                                       cudaMemcpyHostToDevice, stream),
+                       "sending segments"));
+  decode_rans(launch_.groups, launch_.rans, launch_.rans_count, stream);
+  sum_differences(launch_.jobs, launch_.sums, launch_.sum_count, launch_.summed,
+                  launch_.summed_count, stream);
+  for (int phase = 0; phase < kPhases; ++phase) {
+    map_streams(launch_.jobs, launch_.maps[phase], launch_.map_count[phase], stream);
+  }
+  STGS_TRY(cuda_status(cudaGetLastError(), "starting to decode"));
+  return cuda_status(
+      cudaMemcpyAsync(found_.data(), flags_.data(), flag_bytes, cudaMemcpyDeviceToHost, stream),
+      "asking for flags");
+}
+
+Result<std::vector<bool>> SegmentDecoder::finish() {
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream_), "decoding"));
+  const auto* const found = reinterpret_cast<const std::uint32_t*>(found_.data());
+  std::vector<bool> sound(segments_);
+  for (std::size_t k = 0; k < segments_; ++k) sound[k] = found[k] == 0;
+  return sound;
+}
+
+}  // namespace stgs::player::cuda
