@@ -266,6 +266,10 @@ class BodyWriter {
         group.plans[a] = plan_floats(attributes_[a]);
         return;
       }
+      if (encoding_.draco && attributes_[a] == Attribute::kPosition) {
+        group.plans[a] = plan_draco(integers_[group.segments.front()][a]);
+        return;
+      }
       std::vector<const Integers*> records;
       for (const std::size_t s : group.segments) records.push_back(&integers_[s][a]);
       group.plans[a] = plan_stream(records, encoding_.coder);

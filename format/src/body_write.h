@@ -21,6 +21,7 @@ struct Encoding {
   std::uint32_t frames = 0;
   int tiers = 1, zstd_level = 9;
   Coder coder = Coder::kBytes;
+  bool draco = false;        // codes the positions
   bool own_layouts = false;  // each record has its own
 };
 

@@ -265,7 +265,8 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
     findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
     return false;
   }
-  if (units > 1 || axes != 0 || colour != 0 || harmonics != 0 || profile > 1) {
+  if (units > 1 || axes != 0 || colour != 0 || harmonics != 0 ||
+      profile > static_cast<int>(Profile::kDraco)) {
     findings.unsupported(N::kMetadataConvention, offset + 12,
                          "metadata: units {}, axes {}, colour {}, harmonics {}, profile {}: one "
                          "of them is unknown to this version",

@@ -82,6 +82,10 @@ class Findings {
     add(number, true, StatusCode::kUnsupported, offset,
         fmt::format(text, std::forward<Args>(args)...));
   }
+  // A part of the file for which this build lacks a library; `status` says which.
+  void not_built(IssueNumber number, std::uint64_t offset, const Status& status) {
+    add(number, true, StatusCode::kNotBuilt, offset, status.message());
+  }
   template <typename... Args>
   void warning(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
                Args&&... args) {

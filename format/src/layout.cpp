@@ -49,7 +49,7 @@ bool read_row(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& fi
   }
   for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
   for (std::size_t i = 0; i < origins; ++i) row.origin[i] = in.f32();
-  if (row.coder > static_cast<int>(Coder::kRans)) {
+  if (row.coder > static_cast<int>(Coder::kDraco)) {
     findings.unsupported(N::kStreamUnsupported, offset, "layouts: coder {} is unknown", row.coder);
     return false;
   }
@@ -85,8 +85,8 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
         layout.streams.push_back(std::move(row));
         continue;
       }
-      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} is coded with rANS",
-                     row.attribute);
+      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} has coder {}, not 0",
+                     row.attribute, row.coder);
       return false;
     }
     if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;

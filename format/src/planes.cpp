@@ -11,6 +11,8 @@
 #include <memory>
 #include <stdexcept>
 
+#include "draco_points.h"
+
 namespace stgs {
 namespace {
 
@@ -36,8 +38,12 @@ void each_value(const Integers& integers, std::uint32_t least, Prediction predic
   const std::size_t n = size_of(integers);
   if (n == 0) return;
   const auto signed_value = [](std::uint32_t q) { return zigzag(static_cast<std::int32_t>(q)); };
+  const std::uint64_t* const key = integers.morton.data();
+  if (is_morton(integers) && prediction == Prediction::kPlain) {
+    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{compact3(key[i] >> component)});
+    return;
+  }
   if (prediction == Prediction::kMorton) {
-    const std::uint64_t* const key = integers.morton.data();
     visit(std::size_t{0}, std::uint64_t{0});
     for (std::size_t i = 1; i < n; ++i) visit(i, key[i] - key[i - 1]);
     return;
@@ -220,6 +226,20 @@ StreamPlan plan_floats(Attribute attribute) {
   plan.row.digits = sizeof(float);
   std::fill_n(plan.row.digit_bits.begin(), sizeof(float), std::uint8_t{8});
   plan.least.resize(plan.row.components, 0);
+  return plan;
+}
+
+StreamPlan plan_draco(const Integers& positions) {
+  StreamPlan plan;
+  plan.row.attribute = static_cast<std::uint16_t>(positions.attribute);
+  plan.row.components = kDracoComponents;
+  plan.row.mapping = static_cast<std::uint8_t>(positions.mapping);
+  plan.row.coder = static_cast<std::uint8_t>(Coder::kDraco);
+  plan.row.exponent = static_cast<std::int8_t>(positions.exponent);
+  plan.row.digits = kDracoDigits;
+  std::fill_n(plan.row.digit_bits.begin(), kDracoDigits, std::uint8_t{8});
+  std::copy_n(positions.origin, 3, plan.row.origin);
+  plan.least.resize(kDracoComponents, 0);
   return plan;
 }
 

@@ -26,6 +26,9 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder);
 // The row of an attribute that is stored as floats.
 StreamPlan plan_floats(Attribute attribute);
 
+// The row of positions, keys all of them, that Draco codes.
+StreamPlan plan_draco(const Integers& positions);
+
 // Appends the planes of a record's attribute, n symbols each.
 void append_planes(const Integers& integers, const StreamPlan& plan,
                    std::vector<std::uint8_t>& planes);

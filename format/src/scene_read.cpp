@@ -248,7 +248,15 @@ math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
 }
 
 const char* profile_name(Profile profile) {
-  return profile == Profile::kLossless ? "lossless" : "quantised";
+  switch (profile) {
+    case Profile::kLossless:
+      return "lossless";
+    case Profile::kQuantised:
+      return "quantised";
+    case Profile::kDraco:
+      break;
+  }
+  return "draco";
 }
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,

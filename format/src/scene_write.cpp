@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "bytes.h"
+#include "draco_points.h"
 #include "scene_write.h"
 #include "stgs/format/output_file.h"
 
@@ -176,7 +177,12 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
 
 }  // namespace
 
+Status check_profile(Profile profile) {
+  return profile == Profile::kDraco ? check_draco() : Status();
+}
+
 Status check_scene(const Scene& scene, const WriteSettings& settings) {
+  STGS_TRY(check_profile(settings.profile));
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene));
   STGS_TRY(check_values(scene));
@@ -196,7 +202,7 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   encoding.frames = scene.metadata.frames;
   encoding.zstd_level = settings.zstd_level;
   encoding.own_layouts = settings.own_layouts;
-  if (settings.profile == Profile::kQuantised) {
+  if (settings.profile != Profile::kLossless) {
     importance = scene.importance.empty()
                      ? importance_by_size(scene.gaussians, scene.metadata.frames)
                      : scene.importance;
@@ -208,6 +214,7 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     encoding.importance = importance;
     encoding.quantiser = &*quantiser;
     encoding.tiers = settings.tiers;
+    encoding.draco = settings.profile == Profile::kDraco;
     encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   }
   encoding.chunk_ticks =

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "bytes.h"
+#include "draco_points.h"
 #include "stgs/format/parallel.h"
 #include "values.h"
 
@@ -148,8 +149,18 @@ bool stored_size_fits(std::span<const std::uint8_t> stored, std::uint64_t size) 
          size / kMaxExpansion <= stored.size();
 }
 
-// What is wrong with the one frame that `stored` must be (spec 7.2), or null.
-const char* decompress(std::span<const std::uint8_t> stored, std::span<std::uint8_t> planes) {
+// The same of any stream that is not rANS, whose planes are known. `n`: primitives.
+bool stored_size_fits(std::span<const std::uint8_t> stored, const StreamRow& row, std::size_t n) {
+  if (static_cast<Coder>(row.coder) == Coder::kDraco) return draco_fits(stored, n);
+  return stored_size_fits(stored, std::uint64_t{n} * row.planes());
+}
+
+// What is wrong with `stored`, which must be the planes or one frame of them (spec 7.2), or null.
+const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t> planes) {
+  if (stored.size() == planes.size()) {
+    std::copy(stored.begin(), stored.end(), planes.begin());
+    return nullptr;
+  }
   const std::size_t frame = ZSTD_findFrameCompressedSize(stored.data(), stored.size());
   if (ZSTD_isError(frame)) return ZSTD_getErrorName(frame);
   if (frame != stored.size()) return "bytes after the frame";
@@ -184,8 +195,11 @@ class RecordDecoder {
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
       const StreamRow& row = layout_.streams[i];
       if (!is_known(row) || is_coded(row)) continue;
-      const std::uint64_t size = std::uint64_t{n_} * row.planes();
-      if (stored_size_fits(record_.streams[i], size)) continue;
+      if (static_cast<Coder>(row.coder) == Coder::kDraco && !check_draco().ok()) {
+        findings_.not_built(N::kStreamUnsupported, record_.payload_at, check_draco());
+        return false;
+      }
+      if (stored_size_fits(record_.streams[i], row, n_)) continue;
       corrupt(name_of(static_cast<Attribute>(row.attribute)), "its size is not that of its planes");
       good = false;
     }
@@ -320,13 +334,11 @@ class RecordDecoder {
     if (std::all_of(layout_.streams.begin(), layout_.streams.end(), is_coded)) return true;
     std::vector<const char*> problems(places.size());
     parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
-      const std::span<const std::uint8_t> stored = record_.streams[i];
-      if (!is_known(layout_.streams[i]) || is_coded(layout_.streams[i])) return;
-      if (stored.size() == places[i].size()) {
-        std::copy(stored.begin(), stored.end(), places[i].begin());
-      } else {
-        problems[i] = decompress(stored, places[i]);
-      }
+      const StreamRow& row = layout_.streams[i];
+      if (!is_known(row) || is_coded(row)) return;
+      problems[i] = static_cast<Coder>(row.coder) == Coder::kDraco
+                        ? draco_decode(record_.streams[i], n_, places[i])
+                        : unpack(record_.streams[i], places[i]);
     });
     for (std::size_t i = 0; i < places.size(); ++i) {
       if (problems[i] == nullptr) continue;

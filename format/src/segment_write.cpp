@@ -2,6 +2,7 @@
 #include <stdexcept>
 
 #include "bytes.h"
+#include "draco_points.h"
 #include "planes.h"
 #include "segment.h"
 
@@ -22,6 +23,9 @@ SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes
     if (static_cast<Coder>(row.coder) == Coder::kBytes) {
       varying.insert(varying.end(), all.begin(), all.end());
       streams.back() = compress_planes(all, planes.n, coding.zstd_level);
+    } else if (static_cast<Coder>(row.coder) == Coder::kDraco) {
+      varying.insert(varying.end(), all.begin(), all.end());
+      streams.back() = draco_encode(all, planes.n);
     }
     for (std::size_t p = 0; p < row.tables.size(); ++p) {
       const std::uint16_t table = row.tables[p];
@@ -42,7 +46,7 @@ SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes
   if (coding.own) write_layouts(*coding.set, to);
   if (layout.has_first_key()) to.u64(planes.first_key);
   for (std::size_t i = 0; i < streams.size(); ++i) {
-    if (static_cast<Coder>(layout.streams[i].coder) == Coder::kBytes) to.u64(streams[i].size());
+    if (static_cast<Coder>(layout.streams[i].coder) != Coder::kRans) to.u64(streams[i].size());
   }
   for (const auto& stream : streams) to.bytes(stream);
   if (layout.has_group()) {

@@ -19,6 +19,7 @@ namespace stgs {
 enum class Coder : std::uint8_t {
   kBytes = 0,  // a zstd frame of the planes, or the planes
   kRans = 1,   // in the record's group
+  kDraco = 2,  // a Draco point cloud of the positions
 };
 
 inline constexpr int kMortonBits = 21;  // an axis

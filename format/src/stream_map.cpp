@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "draco_points.h"
 #include "stgs/format/parallel.h"
 #include "stream_map.h"
 
@@ -40,13 +41,22 @@ bool mapping_fits(const StreamRow& row) {
   return false;
 }
 
+// What Draco stores are positions as they are, as many digits of a byte as 21 bits need.
+bool coder_fits(const StreamRow& row) {
+  if (static_cast<Coder>(row.coder) != Coder::kDraco) return true;
+  return static_cast<Attribute>(row.attribute) == Attribute::kPosition &&
+         static_cast<Mapping>(row.mapping) == Mapping::kLinear &&
+         static_cast<Prediction>(row.prediction) == Prediction::kPlain &&
+         row.digits == kDracoDigits;
+}
+
 // Values of 32 bits, Morton differences of 64; a byte of a stream that is not rANS is a digit.
 bool digits_fit(const StreamRow& row, bool morton) {
   int bits = 0;
   for (std::size_t d = 0; d < row.digits; ++d) {
     const int width = row.digit_bits[d];
     if (width < 1 || width > 8) return false;
-    if (static_cast<Coder>(row.coder) == Coder::kBytes && width != 8) return false;
+    if (static_cast<Coder>(row.coder) != Coder::kRans && width != 8) return false;
     bits += width;
   }
   return row.digits >= 1 && bits <= (morton ? 64 : 32);
@@ -81,7 +91,7 @@ bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
   const int components = morton ? 1 : rotation ? 3 : components_of(attribute);
   const bool bits_plain = mapping != Mapping::kFloat || prediction == Prediction::kPlain;
   if (mapping_fits(row) && row.components == components && (!morton || position) && bits_plain &&
-      digits_fit(row, morton)) {
+      digits_fit(row, morton) && coder_fits(row)) {
     return true;
   }
   findings.error(N::kStreamShape, offset,

@@ -128,7 +128,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     lens = [fields.f32() for _ in range(4)]
     fields.text()
     fields.text()
-    need(unit <= 1 and conventions == [0, 0, 0] and profile <= 1, "4.2",
+    need(unit <= 1 and conventions == [0, 0, 0] and profile <= 2, "4.2",
          "a convention or profile that is not known", unsupported=True)
     need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
     need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}")

@@ -13,7 +13,7 @@ SH = (9, 10, 11, 12)
 # Mapping: the attributes that may have it (7.5.1 to 7.5.8).
 MAPS = {0: tuple(COMPONENTS), 1: (1, 2, 6, 8) + SH, 2: (3, 4), 3: (5,), 4: (7,), 5: SH, 6: (7,),
         7: (2,)}
-MORTON, RANS = 3, 1
+MORTON, RANS, DRACO = 3, 1, 2
 
 
 @dataclass
@@ -66,13 +66,15 @@ def read_stream(fields, tables):  # 6.3
         s.tables = [fields.u16() for _ in range(s.planes())]
         need(all(t < tables for t in s.tables), "6.3", "a table that is not there")
     if s.optional():
-        need(s.coder != RANS, "6.5", "an optional stream that is rANS")
+        need(s.coder == 0, "6.5", f"an optional stream of coder {s.coder}")
         return s
     need(s.attribute in COMPONENTS, "6.5", f"attribute {s.attribute}")
-    need(s.coder <= 1 and s.prediction <= 3 and s.mapping <= 7, "7.1",
+    need(s.coder <= DRACO and s.prediction <= 3 and s.mapping <= 7, "7.1",
          f"coder {s.coder}, prediction {s.prediction}, mapping {s.mapping}", unsupported=True)
     need(all(1 <= b <= 8 for b in s.bits), "7.3", f"digits of {s.bits} bits")
     need(s.coder == RANS or all(b == 8 for b in s.bits), "7.2", "digits of less than 8 bits")
+    need(s.coder != DRACO or (s.attribute, s.mapping, s.prediction, len(s.bits)) == (1, 1, 0, 3),
+         "7.2.1", "not as Draco's streams are")
     need(sum(s.bits) <= (64 if s.prediction == MORTON else 32), "7.3", f"{sum(s.bits)} bits")
     need(s.attribute in MAPS[s.mapping], "7.5", f"mapping {s.mapping} of {NAMES[s.attribute]}")
     need(s.mapping != 0 or (s.prediction == 0 and s.e == 0), "7.5.1", "not as the float mapping is")

@@ -9,7 +9,7 @@ import zstandard
 import rans
 from container import known, record_at
 from fields import Fields, checksum, need
-from layouts import COMPONENTS, MORTON, RANS, Layouts, check_attributes, read_layouts
+from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
 
 F32 = np.float32
 
@@ -60,6 +60,8 @@ def open_record(file, tier, place, content):  # 6.1
 def check_sizes(record, n):  # 7.2
     _, layout, _, _, stored, group, _ = record
     for s, data in zip(layout, stored):
+        need(s.optional() or s.coder != DRACO, "7.2.1", "positions that need Draco to be decoded",
+             unsupported=True)
         if s.optional() or s.coder == RANS or len(data) == n * s.planes():
             continue
         try:

@@ -81,4 +81,5 @@ void flip_each_byte(Profile profile) {
 TEST_CASE("a flipped bit is found wherever it is, and the other segments play on") {
   flip_each_byte(Profile::kLossless);
   flip_each_byte(Profile::kQuantised);
+  if (check_profile(Profile::kDraco).ok()) flip_each_byte(Profile::kDraco);
 }

@@ -4,7 +4,9 @@
 #include <zstd.h>
 
 #include <cmath>
+#include <cstdlib>
 
+#include "draco_points.h"
 #include "layout_plan.h"
 #include "least_time.h"
 #include "planes.h"
@@ -80,6 +82,19 @@ nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
   return row_of(group.size() + stored.size(), n, encode_speed, decode_speed);
 }
 
+// Positions as Draco's kd-tree codes them; decoding ends with their order and planes.
+nlohmann::json measure_draco(const Integers& positions, std::size_t n, int speed) {
+  const StreamPlan plan = plan_draco(positions);
+  std::vector<std::uint8_t> planes, stored;
+  append_planes(positions, plan, planes);
+  const double encode = millions_a_second(n, [&] { stored = draco_encode(planes, n, speed); });
+  std::vector<std::uint8_t> to(planes.size());
+  const double decode = millions_a_second(n, [&] {
+    if (!draco_fits(stored, n) || draco_decode(stored, n, to) != nullptr) std::abort();
+  });
+  return row_of(stored.size(), n, encode, decode);
+}
+
 }  // namespace
 
 nlohmann::json coder_table(const Scene& scene) {
@@ -103,6 +118,10 @@ nlohmann::json coder_table(const Scene& scene) {
     nlohmann::json& row = out[name_of(integers.attribute)];
     row["zstd"] = measure_bytes(integers, snapped.size(), row["stored"]);
     row["rans"] = measure_rans(integers, snapped.size());
+    if (integers.morton.empty() || !check_draco().ok()) continue;
+    for (const int speed : {0, 5, 10}) {
+      row[fmt::format("draco_speed_{}", speed)] = measure_draco(integers, snapped.size(), speed);
+    }
   }
   return out;
 }

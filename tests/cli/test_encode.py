@@ -12,7 +12,7 @@ import urllib.parse
 import xml.etree.ElementTree
 
 import harness
-from harness import CliTest
+from harness import CliTest, built_in
 
 USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
 
@@ -76,10 +76,33 @@ class Packing(CliTest):
         self.assertIn(b"stgs: warning: one.stgs: is packed already", again.stderr)
         self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
 
+    @unittest.skipUnless(built_in("draco"), "needs libdraco")
+    def test_the_profile_draco_is_the_same_scene(self):
+        tiny = self.fixture("tiny.stgs")
+        ours = self.json_of("pack", tiny, "-o", "ours.stgs")
+        report = self.json_of("pack", tiny, "-o", "draco.stgs", "--profile", "draco")
+        self.assertEqual(report["errors"], ours["errors"])
+        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("draco.stgs")))
+        self.assertEqual(self.json_of("info", "draco.stgs")["profile"], "draco")
+        self.assertEqual(self.json_of("info", "ours.stgs")["profile"], "quantised")
+        self.json_of("validate", "draco.stgs")
+        for name in ("ours", "draco"):
+            self.succeeds("convert", name + ".stgs", name + ".ply", "--time", "0.1")
+        self.assertEqual(self.read("ours.ply"), self.read("draco.ply"))
+
+    @unittest.skipIf(built_in("draco"), "libdraco is there")
+    def test_the_profile_draco_is_not_built(self):
+        self.fails(NOT_BUILT, "need libdraco", "pack", self.fixture("tiny.stgs"), "-o",
+                   "o.stgs", "--profile", "draco")
+        self.fails(NOT_BUILT, "need libdraco", "encode", sample(), "-o", "o.stgs", "--profile", "draco")
+        self.assertEqual(os.listdir(self.work), [])
+
     def test_what_pack_refuses(self):
         tiny = self.fixture("tiny.stgs")
         self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
                    "--quality", "101")
+        self.fails(USAGE, "--profile: lossless not in", "pack", tiny, "-o", "o.stgs",
+                   "--profile", "lossless")
         self.fails(USAGE, "--output is required", "pack", tiny)
         self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")
         self.fails(INVALID, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",

@@ -348,7 +348,9 @@ def broken_streams():
     for name, clause, about, fields in (
             ("unknown_mapping", "7.1", "mapping 8", dict(mapping=8)),
             ("unknown_prediction", "7.1", "prediction 4", dict(prediction=4)),
-            ("unknown_coder", "7.1", "coder 2", dict(coder=2)),
+            ("unknown_coder", "7.1", "coder 3", dict(coder=3)),
+            ("draco_elsewhere", "7.2.1", "an opacity that is coded as only positions may be",
+             dict(coder=2, mapping=1, bits=(8, 8, 8))),
             ("float_with_prediction", "7.5.1", "mapping 0, prediction 1", dict(prediction=1)),
             ("mapping_of_another", "7.5", "an opacity with mapping 4", dict(mapping=4)),
             ("components", "7.5", "an opacity of 2 components", dict(components=2)),

@@ -10,6 +10,7 @@
 
 #include "../api/scene_fixture.h"
 #include "bytes.h"
+#include "draco_points.h"
 #include "layout.h"
 
 namespace stgs::fuzz {
@@ -122,7 +123,7 @@ class SegmentForm {
       if (row.attribute >= kOptionalAttributes) continue;
       if (out.size() + n_ * row.planes() > kMostPlanes) return false;
       if (!is_coded(row)) {
-        append_bytes(streams[i], n_ * row.planes(), out);
+        append_bytes(streams[i], n_, row, out);
         continue;
       }
       for (const std::uint16_t table : row.tables) {
@@ -139,10 +140,12 @@ class SegmentForm {
     return static_cast<Coder>(row.coder) == Coder::kRans;
   }
   // What cannot be unpacked counts as zeros: its checksum is not what stops a reader.
-  static void append_bytes(View stored, std::size_t size, Bytes& out) {
-    const std::size_t begin = out.size();
+  static void append_bytes(View stored, std::size_t n, const StreamRow& row, Bytes& out) {
+    const std::size_t begin = out.size(), size = n * row.planes();
     out.resize(begin + size);
-    if (stored.size() == size) {
+    if (static_cast<Coder>(row.coder) == Coder::kDraco) {
+      if (draco_fits(stored, n)) (void)draco_decode(stored, n, std::span(out).subspan(begin));
+    } else if (stored.size() == size) {
       std::copy(stored.begin(), stored.end(), out.begin() + static_cast<std::ptrdiff_t>(begin));
     } else {
       ZSTD_decompress(out.data() + begin, size, stored.data(), stored.size());
@@ -290,6 +293,11 @@ std::vector<Bytes> stgs_seeds() {
   out.push_back(encoded(parts, lossless));
   quantised.tiers = 1;
   out.push_back(encoded(parts, quantised));
+  if (check_profile(Profile::kDraco).ok()) {
+    quantised.profile = Profile::kDraco;
+    out.push_back(encoded(parts, quantised));
+    out.push_back(encoded(testing::random_scene(60, 1, 30, 22), quantised));
+  }
   return out;
 }
 

@@ -45,6 +45,7 @@ class Encode final : public Command {
                 train_.settings(session,
                                 {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")}));
     STGS_TRY(check_can_write(output_));
+    STGS_TRY(check_profile(pack_.settings().profile));
     // Before the long prepare; again when it knows how large the pictures are.
     STGS_TRY(encoder::check_training(training, nullptr));
     for (const std::string& folder : remove_stale_work(output_)) {

@@ -72,6 +72,7 @@ class PackOptions {
   encoder::PackSettings settings() const;
 
  private:
+  std::string profile_ = profile_name(encoder::PackSettings{}.profile);
   double quality_ = encoder::PackSettings{}.quality, target_kbps_ = 0, max_error_ = 0;
   int tiers_ = encoder::PackSettings{}.tiers;
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;

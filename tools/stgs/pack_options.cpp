@@ -9,6 +9,12 @@ namespace stgs::tools {
 
 void PackOptions::declare(CLI::App& app) {
   const char* group = "Packing";
+  app.add_option("--profile", profile_,
+                 "quantised, or draco: the same primitives with their positions as Draco point\n"
+                 "clouds, for comparing; whoever reads the file needs libdraco")
+      ->check(CLI::IsMember({profile_name(Profile::kQuantised), profile_name(Profile::kDraco)}))
+      ->capture_default_str()
+      ->group(group);
   auto* quality =
       app.add_option("--quality", quality_, "0 (smallest) to 100 (nearest to what was trained)")
           ->check(number_between(0, 100))
@@ -38,6 +44,7 @@ void PackOptions::declare(CLI::App& app) {
 
 encoder::PackSettings PackOptions::settings() const {
   encoder::PackSettings settings;
+  if (profile_ == profile_name(Profile::kDraco)) settings.profile = Profile::kDraco;
   settings.quality = quality_;
   settings.target_kbps = target_kbps_;
   settings.max_error = max_error_;

@@ -177,6 +177,7 @@ std::string version_text() {
 #ifdef STGS_HAS_SOG
   parts += " sog";
 #endif
+  if (check_profile(Profile::kDraco).ok()) parts += " draco";
 #ifdef STGS_HAS_CUDNN
   parts += " cudnn";
 #endif

@@ -109,6 +109,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
     if (!progress || progress({"pack", done, -1, detail})) return {};
     return runtime_error("{}: stopped while packing, nothing is written", output_path);
   };
+  STGS_TRY(check_profile(settings.profile));
   STGS_TRY(go_on(0, "reading"));
   PackReport found;
   STGS_ASSIGN(const Scene scene, read_inputs(scene_paths, log, found));

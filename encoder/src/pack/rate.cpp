@@ -37,7 +37,7 @@ void measure_positions(const Scene& scene, Packed& packed) {
 
 WriteSettings write_settings(const PackSettings& settings, double quality) {
   WriteSettings out;
-  out.profile = Profile::kQuantised;
+  out.profile = settings.profile;
   out.quality = quality;
   out.tiers = settings.tiers;
   out.chunk_seconds = settings.chunk_seconds;

@@ -14,7 +14,8 @@
 namespace stgs::encoder {
 
 struct PackSettings {
-  double quality = 85;     // 0..100; not looked at where there is a target_kbps
+  Profile profile = Profile::kQuantised;  // or kDraco; a build without libdraco answers kNotBuilt
+  double quality = 85;                    // 0..100; not looked at where there is a target_kbps
   double target_kbps = 0;  // mean bit rate not to be passed, thousands of bits a second; 0: none
   // How far a primitive may come to lie from where it was at any moment at which it is seen, in
   // thousandths of a scene unit (millimetres, where that is a metre); 0: as quality has it.
@@ -52,7 +53,7 @@ struct PackReport {
   std::optional<HeldOutScore> held_out_before, held_out_after;
 };
 
-// Reads a scene, or the windows of a capture, which are merged (windows.h); writes it quantised
+// Reads a scene, or the windows of a capture, which are merged (windows.h); writes it packed
 // (atomically), decodes the result and reports its errors; `report` may be null. Stage "pack";
 // where `progress` says to stop, nothing is written (kRuntime). kUsage where nothing is small
 // enough for target_kbps, kUnsupported where positions cannot keep max_error. A scene that is

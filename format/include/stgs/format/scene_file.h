@@ -24,10 +24,13 @@ inline constexpr std::uint16_t kOldestMinor = 4;  // those before were experimen
 enum class Profile : std::uint16_t {
   kLossless = 0,   // every float as trained
   kQuantised = 1,  // bounded error, tiers by importance, Morton order
+  kDraco = 2,      // kQuantised with its positions as Draco point clouds
 };
 
-// "lossless" or "quantised".
+// "lossless", "quantised" or "draco".
 const char* profile_name(Profile profile);
+// Whether this build can write the profile and decode its segments: else kNotBuilt.
+Status check_profile(Profile profile);
 
 // A pinhole camera to start playback from; world-to-camera, OpenCV axes.
 struct StartCamera {
@@ -163,7 +166,7 @@ class SceneReader {
   virtual Result<std::vector<float>> importance() const = 0;
 };
 
-// What the planes of the quantised profile are coded with; the lossless one is always zstd's.
+// What the planes of the other profiles are coded with; the lossless one is always zstd's.
 enum class SceneCoder {
   kRans,
   kZstd,  // larger and slower to decode: for comparing
@@ -172,18 +175,19 @@ enum class SceneCoder {
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // the timeline's chunk C; 0: chosen for the lifespans of the scene
-  double quality = 85;       // 0..100, quantised profile only
-  // Quantised profile: how far a primitive may come to lie from where it was, scene units, at any
-  // moment at which it is seen; 0: as far as quality has it.
+  double quality = 85;       // 0..100, not of the lossless profile
+  // Not of the lossless profile: how far a primitive may come to lie from where it was, scene
+  // units, at any moment at which it is seen; 0: as far as quality has it.
   double max_error = 0;
-  int tiers = 3;  // 1..16, quantised profile only: of the scene, by importance
+  int tiers = 3;  // 1..16, not of the lossless profile: of the scene, by importance
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must
 };
 
 // The bytes of a whole file. `order`, where given, receives for each primitive of the file its
-// index in `scene`. The quantised profile leaves out what is never visible within the clip.
+// index in `scene`. All but the lossless profile leave out what is never visible within the clip.
+// kNotBuilt as check_profile.
 Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,
                                                std::vector<std::uint32_t>* order = nullptr);
 // encode_scene, then write_file_atomically.
