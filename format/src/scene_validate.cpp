@@ -134,6 +134,9 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     if (reachable && status.code() != StatusCode::kUnsupported) {
       check_segments(source, head, findings);
     }
+    // No judgement of the file.
+    const Status checked = findings.status(source.name());
+    if (checked.code() == StatusCode::kNotBuilt) return checked;
     return findings.take();
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", source.name(), e.what());

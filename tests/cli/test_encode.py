@@ -92,6 +92,10 @@ class Packing(CliTest):
 
     @unittest.skipIf(built_in("draco"), "libdraco is there")
     def test_the_profile_draco_is_not_built(self):
+        scene = os.path.join(harness.SOURCE, "tests", "data", "draco", "draco.stgs")
+        self.assertEqual(self.json_of("info", scene)["profile"], "draco")
+        self.fails(NOT_BUILT, "need libdraco", "validate", scene)
+        self.fails(NOT_BUILT, "need libdraco", "convert", scene, "o.ply", "--time", "0")
         self.fails(NOT_BUILT, "need libdraco", "pack", self.fixture("tiny.stgs"), "-o",
                    "o.stgs", "--profile", "draco")
         self.fails(NOT_BUILT, "need libdraco", "encode", sample(), "-o", "o.stgs", "--profile", "draco")

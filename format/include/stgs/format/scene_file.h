@@ -205,7 +205,7 @@ struct Issue {
 };
 // Checks everything that can be checked: structure, checksums, limits, values. Goes on after the
 // first finding where the damage allows. An empty list means valid. The error is for a file that
-// cannot be read at all.
+// cannot be read at all, or needs what this build lacks (kNotBuilt).
 Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLimits& limits = {});
 
 }  // namespace stgs
