@@ -265,16 +265,17 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
     findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
     return false;
   }
-  if (units > 1 || axes != 0 || colour != 0 || harmonics != 0 ||
-      profile > static_cast<int>(Profile::kDraco)) {
-    findings.unsupported(N::kMetadataConvention, offset + 12,
-                         "metadata: units {}, axes {}, colour {}, harmonics {}, profile {}: one "
-                         "of them is unknown to this version",
-                         units, axes, colour, harmonics, profile);
+  if (axes != 0 || colour != 0 || harmonics != 0) {
+    findings.unsupported(N::kMetadataConvention, offset + 13,
+                         "metadata: axes {}, colour {}, harmonics {}: one of them is unknown to "
+                         "this version",
+                         axes, colour, harmonics);
     return false;
   }
+  // What only informs may be of a later version (spec 4.2).
   scene.metric = units == 1;
-  metadata.profile = static_cast<Profile>(profile);
+  metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
+                                                                  : Profile::kUnknown;
   if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
     findings.error(N::kTimeBase, offset, "metadata: {} frames of {}/{} s", scene.frames,

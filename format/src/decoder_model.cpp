@@ -16,13 +16,14 @@ namespace {
 // spec/decoder-model.md, 3.
 struct Level {
   std::uint64_t primitives, bytes, index_bytes;
-  double bits_per_second;
+  double bits_per_second, primitives_per_second;
 };
+constexpr std::uint32_t kLeastWork = 1000;  // primitives that a segment counts for at least
 constexpr std::uint64_t kMiB = 1 << 20;
-constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6},
-                             {1'000'000, 16 * kMiB, kMiB, 25e6},
-                             {4'000'000, 64 * kMiB, 4 * kMiB, 100e6},
-                             {16'000'000, 256 * kMiB, 16 * kMiB, 400e6}};
+constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6, 1e6},
+                             {1'000'000, 16 * kMiB, kMiB, 25e6, 4e6},
+                             {4'000'000, 64 * kMiB, 4 * kMiB, 100e6, 16e6},
+                             {16'000'000, 256 * kMiB, 16 * kMiB, 400e6, 64e6}};
 
 std::uint64_t bytes_of(const SegmentInfo& segment) {
   return segment.bytes + segment.harmonics_bytes;
@@ -91,7 +92,7 @@ void sweep(const std::vector<SegmentInfo>& segments, const std::vector<std::uint
 void add_rate(const SceneReader& reader, const std::vector<std::uint32_t>& order,
               DecoderNeeds& needs) {
   needs.startup_bytes = needs.index_bytes;
-  double bits = 0;
+  double bits = 0, primitives = 0;
   for (const std::uint32_t s : order) {
     const SegmentInfo& segment = reader.segments()[s];
     const double seconds = reader.metadata().time_base.seconds(segment.begin_ticks);
@@ -100,7 +101,9 @@ void add_rate(const SceneReader& reader, const std::vector<std::uint32_t>& order
       continue;
     }
     bits += 8.0 * static_cast<double>(bytes_of(segment));
+    primitives += std::max(segment.primitives, kLeastWork);
     needs.bits_per_second = std::max(needs.bits_per_second, bits / seconds);
+    needs.primitives_per_second = std::max(needs.primitives_per_second, primitives / seconds);
   }
 }
 
@@ -117,7 +120,8 @@ DecoderNeeds decoder_needs(const SceneReader& reader) {
   for (const Level& level : kLevels) {
     ++number;
     if (needs.primitives <= level.primitives && needs.bytes <= level.bytes &&
-        needs.index_bytes <= level.index_bytes && needs.bits_per_second <= level.bits_per_second) {
+        needs.index_bytes <= level.index_bytes && needs.bits_per_second <= level.bits_per_second &&
+        needs.primitives_per_second <= level.primitives_per_second) {
       needs.level = number;
       break;
     }

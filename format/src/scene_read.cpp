@@ -254,9 +254,11 @@ const char* profile_name(Profile profile) {
     case Profile::kQuantised:
       return "quantised";
     case Profile::kDraco:
+      return "draco";
+    case Profile::kUnknown:
       break;
   }
-  return "draco";
+  return "unknown";
 }
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,

@@ -26,7 +26,7 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
              [&](std::size_t i) {
                const Lifetime lifetime =
                    within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i],
-                                      set.radius[i], scene.frames),
+                                      set.radius[i], scene.frames, false),
                           {part.begin, part.end});
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);

@@ -178,6 +178,8 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
 }  // namespace
 
 Status check_profile(Profile profile) {
+  if (profile == Profile::kUnknown)
+    return usage_error("a profile that is unknown cannot be written");
   return profile == Profile::kDraco ? check_draco() : Status();
 }
 

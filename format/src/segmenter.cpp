@@ -69,12 +69,12 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
 }  // namespace
 
 Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
-                     std::uint32_t frames) {
+                     std::uint32_t frames, bool widened) {
   const float opacity = math::opacity_of(opacity_logit);
   const double half =
       math::support_half_width(opacity * 1.000001f, sigma, radius, math::kAlphaThreshold);
   if (half < 0.0) return {0, 0, true};
-  const double reach = half + slack(time, half);
+  const double reach = half + (widened ? slack(time, half) : 0.0);
   if (time + reach < 0.0 || time - reach >= frames) return {0, 0, true};
   return {std::max(0.0, time - reach), std::min<double>(frames, time + reach), false};
 }

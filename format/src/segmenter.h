@@ -11,13 +11,14 @@
 
 namespace stgs {
 
-// When a primitive can be seen within [0, frames); `never` where it cannot.
+// When a primitive can be seen within [0, frames); `never` where it cannot. `widened`: so that
+// rounding in a renderer cannot step out of it.
 struct Lifetime {
   double begin = 0, end = 0;
   bool never = false;
 };
 Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
-                     std::uint32_t frames);
+                     std::uint32_t frames, bool widened = true);
 
 // What of it lies in the interval; never, where that is nothing.
 Lifetime within(const Lifetime& lifetime, const Interval& interval);

@@ -118,8 +118,10 @@ def read_head(file, limits):
 def read_meta(file, payload):  # 4.2, 4.3
     fields = Fields(payload, "4.2")
     numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
-    unit, conventions = fields.u8(), [fields.u8() for _ in range(3)]
-    profile, file.degree = fields.u16(), fields.u16()
+    fields.u8()  # the unit: it only informs, as the profile does
+    conventions = [fields.u8() for _ in range(3)]
+    fields.u16()
+    file.degree = fields.u16()
     background = [fields.f32() for _ in range(3)]
     least, greatest = [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
     near = fields.f32()
@@ -128,8 +130,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     lens = [fields.f32() for _ in range(4)]
     fields.text()
     fields.text()
-    need(unit <= 1 and conventions == [0, 0, 0] and profile <= 2, "4.2",
-         "a convention or profile that is not known", unsupported=True)
+    need(conventions == [0, 0, 0], "4.2", "a convention that is not known", unsupported=True)
     need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
     need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}")
     need(all(map(math.isfinite, background + least + greatest + [near])) and near >= 0, "4.3",

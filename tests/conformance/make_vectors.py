@@ -162,6 +162,8 @@ def sound_container():
                   tail=note + record(b"SEGM", b"????????", 2), index_extra=b"later",
                   meta=Meta(profile=0, degree=1, extra=b"later"))
     vector("newer_minor", "2.5", "minor version 9, unknown flags, records and fields", later)
+    vector("newer_profile", "4.2", "profile 9 and unit 7, which only inform",
+           plain(meta=Meta(profile=9, conventions=(7, 0, 0, 0))))
     seen = Meta(profile=0, size=(640, 480), lens=(500.0, 500.0, 320.0, 240.0),
                 rotation=(0, 0, 1, 0, 1, 0, -1, 0, 0))
     vector("start_camera", "4.3", "a start camera", plain(meta=seen))
@@ -180,6 +182,11 @@ def sound_container():
            plain(totals=((1, 36), (0x8001, 1 << 40))))
     moved = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
              Segment(30, 0, [Body(float_streams(1, 0, 3), 1)])]
+    late = float_streams(1, 0, 3)
+    for attribute, value in ((2, 204802.5), (3, 0.25), (4, 1.8496), (8, 0.0)):
+        late[attribute - 1].v[0] = [bits_of(value)]
+    vector("support_near_its_end", "5.8", "seen up to a tenth of a tick before its interval ends, late",
+           File([Part([Segment(0, 81920, [Body(late, 1)])], 0, 300000)], Meta(profile=0, frames=300000)))
     vector("level_30", "5.4", "the longest level", File([Part(moved)]))
 
 

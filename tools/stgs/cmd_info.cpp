@@ -25,16 +25,18 @@ Json to_json(const DecoderNeeds& needs) {
           {"decoded_bytes", needs.decoded_bytes},
           {"ranges", needs.ranges},
           {"startup_bytes", needs.startup_bytes},
-          {"bits_per_second", needs.bits_per_second}};
+          {"bits_per_second", needs.bits_per_second},
+          {"primitives_per_second", needs.primitives_per_second}};
 }
 
 std::string to_text(const DecoderNeeds& needs) {
   return fmt::format(
       "  decoder          {}: at most {} primitives at a moment ({} in {} ranges, {} decoded); {} "
-      "to start, then {:.3g} Mbit/s\n",
+      "to start, then {:.3g} Mbit/s and {:.3g} million primitives/s\n",
       needs.level > 0 ? fmt::format("level {}", needs.level) : "beyond every level",
       needs.primitives, human_bytes(needs.bytes), needs.ranges, human_bytes(needs.decoded_bytes),
-      human_bytes(needs.startup_bytes), needs.bits_per_second * 1e-6);
+      human_bytes(needs.startup_bytes), needs.bits_per_second * 1e-6,
+      needs.primitives_per_second * 1e-6);
 }
 
 const char* form_name(SceneForm form) {

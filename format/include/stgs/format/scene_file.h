@@ -22,12 +22,13 @@ inline constexpr std::uint16_t kFormatMinor = 4;
 inline constexpr std::uint16_t kOldestMinor = 4;  // those before were experiments
 
 enum class Profile : std::uint16_t {
-  kLossless = 0,   // every float as trained
-  kQuantised = 1,  // bounded error, tiers by importance, Morton order
-  kDraco = 2,      // kQuantised with its positions as Draco point clouds
+  kLossless = 0,      // every float as trained
+  kQuantised = 1,     // bounded error, tiers by importance, Morton order
+  kDraco = 2,         // kQuantised with its positions as Draco point clouds
+  kUnknown = 0xFFFF,  // of a later version, which reads like kQuantised; cannot be written
 };
 
-// "lossless", "quantised" or "draco".
+// "lossless", "quantised", "draco" or "unknown".
 const char* profile_name(Profile profile);
 // Whether this build can write the profile and decode its segments: else kNotBuilt.
 Status check_profile(Profile profile);
