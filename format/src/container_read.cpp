@@ -283,8 +283,8 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
     return false;
   }
   if (metadata.sh_degree > 3) {
-    findings.error(N::kShDegree, offset + 18, "metadata: harmonics of degree {}, not 0 to 3",
-                   metadata.sh_degree);
+    findings.unsupported(N::kShDegree, offset + 18, "metadata: harmonics of degree {}, not 0 to 3",
+                         metadata.sh_degree);
     return false;
   }
   check_metadata_values(metadata, offset, findings);

@@ -132,7 +132,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     fields.text()
     need(conventions == [0, 0, 0], "4.2", "a convention that is not known", unsupported=True)
     need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
-    need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}")
+    need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}", unsupported=True)
     need(all(map(math.isfinite, background + least + greatest + [near])) and near >= 0, "4.3",
          "a number that is not finite, or a near plane below 0")
     need(all(a <= b for a, b in zip(least, greatest)), "4.3", "bounds the wrong way round")
