@@ -99,9 +99,6 @@ inline int lifespan_exponent(float sigma, float radius, float part_ticks) {
 constexpr std::uint32_t zigzag(std::int32_t q) {
   return (static_cast<std::uint32_t>(q) << 1) ^ static_cast<std::uint32_t>(q >> 31);
 }
-constexpr std::uint32_t unzigzag(std::uint32_t v) {
-  return (v >> 1) ^ (0u - (v & 1u));
-}
 // Spreads the low 21 bits to every third bit.
 constexpr std::uint64_t spread3(std::uint64_t v) {
   v &= 0x1FFFFF;
@@ -111,15 +108,6 @@ constexpr std::uint64_t spread3(std::uint64_t v) {
   v = (v | v << 4) & 0x10C30C30C30C30C3;
   v = (v | v << 2) & 0x1249249249249249;
   return v;
-}
-constexpr std::uint32_t compact3(std::uint64_t v) {
-  v &= 0x1249249249249249;
-  v = (v | v >> 2) & 0x10C30C30C30C30C3;
-  v = (v | v >> 4) & 0x100F00F00F00F00F;
-  v = (v | v >> 8) & 0x1F0000FF0000FF;
-  v = (v | v >> 16) & 0x1F00000000FFFF;
-  v = (v | v >> 32) & 0x1FFFFF;
-  return static_cast<std::uint32_t>(v);
 }
 constexpr std::uint64_t morton_key(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
   return spread3(x) | spread3(y) << 1 | spread3(z) << 2;

@@ -20,21 +20,6 @@ __device__ float power_of_two(int e) {
   return __int_as_float((min(max(e, -126), 127) + 127) << 23);
 }
 
-__device__ std::uint32_t unzigzag(std::uint32_t v) {
-  return (v >> 1) ^ (0u - (v & 1u));
-}
-
-// Every third bit of a key, from the lowest on.
-__device__ std::uint32_t compact3(std::uint64_t v) {
-  v &= 0x1249249249249249;
-  v = (v | v >> 2) & 0x10C30C30C30C30C3;
-  v = (v | v >> 4) & 0x100F00F00F00F00F;
-  v = (v | v >> 8) & 0x1F0000FF0000FF;
-  v = (v | v >> 16) & 0x1F00000000FFFF;
-  v = (v | v >> 32) & 0x1FFFFF;
-  return static_cast<std::uint32_t>(v);
-}
-
 // A value of a component as its digits have it.
 __device__ std::uint64_t value_at(const MapJob& job, std::uint32_t component, std::uint32_t i) {
   const MapPlane* plane = job.planes + component * job.digits;

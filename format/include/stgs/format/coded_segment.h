@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "stgs/format/math/lang.h"
 #include "stgs/format/rans_layout.h"
 
 namespace stgs {
@@ -95,6 +96,22 @@ struct CodedSegment {
   std::uint64_t first_key = 0;       // of positions with Prediction::kMorton
   std::vector<CodedRecord> records;  // that with the base, then that of the harmonics
 };
+
+// Undoes zigzag coding, in which 0, -1, 1, -2 are 0, 1, 2, 3.
+STGS_FN std::uint32_t unzigzag(std::uint32_t v) {
+  return (v >> 1) ^ (0u - (v & 1u));
+}
+
+// Every third bit of a key, from the lowest on: 21 bits.
+STGS_FN std::uint32_t compact3(std::uint64_t v) {
+  v &= 0x1249249249249249;
+  v = (v | v >> 2) & 0x10C30C30C30C30C3;
+  v = (v | v >> 4) & 0x100F00F00F00F00F;
+  v = (v | v >> 8) & 0x1F0000FF0000FF;
+  v = (v | v >> 16) & 0x1F00000000FFFF;
+  v = (v | v >> 32) & 0x1FFFFF;
+  return static_cast<std::uint32_t>(v);
+}
 
 // The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
 std::int64_t first_moment(double begin, int exponent);
