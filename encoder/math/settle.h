@@ -15,12 +15,13 @@ struct SettleRules {
   float shrink;  // |v| that a step takes off there, down to 0; scene units a frame
 };
 
-// v after a step of Adam whose change of the lifespan took the modulation from `before` to `after`.
-// The motion u = v / f stays as it was, else each change of sigma or r would change it too, which
-// keeps lifespans from being learnt; then v shrinks, a proximal step of an L1 penalty on |v|.
-STGS_FN Vec3 settled_velocity(Vec3 v, float before, float after, SettleRules rules) {
-  Vec3 kept = vec3_scale(v, after / before);
-  if (after <= rules.still || rules.shrink <= 0.0f) return kept;
+// v after a step of Adam that left a lifespan of modulation f, `ratio` times what f was before; 1
+// where v is not modulated. The motion u = v / f stays as it was, else each change of sigma or r
+// would change it too, which keeps lifespans from being learnt; then v shrinks, a proximal step of
+// an L1 penalty on |v|.
+STGS_FN Vec3 settled_velocity(Vec3 v, float ratio, float f, SettleRules rules) {
+  Vec3 kept = vec3_scale(v, ratio);
+  if (f <= rules.still || rules.shrink <= 0.0f) return kept;
   float length = sqrt(dot3(kept, kept));
   if (length <= rules.shrink) return vec3_of(0.0f, 0.0f, 0.0f);
   return vec3_scale(kept, 1.0f - rules.shrink / length);

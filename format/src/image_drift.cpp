@@ -18,6 +18,13 @@ bool inside(const math::PinholeCamera& camera, math::Vec2 pixel) {
   return pixel.x >= 0 && pixel.y >= 0 && pixel.x < camera.width && pixel.y < camera.height;
 }
 
+math::Vec3 centre_at(const Gaussians4D& set, std::size_t i, double ticks) {
+  const float* x = &set.position[3 * i];
+  const float* u = &set.velocity[3 * i];
+  return math::position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]},
+                           static_cast<float>(ticks) - set.time[i]);
+}
+
 // Pixels between the projections of two points, or kUnseen.
 float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec3 last) {
   const math::Projection p = math::project_gaussian(camera, first, {});
@@ -30,15 +37,9 @@ float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec
 // The mean over the cameras that see primitive i, or kUnseen.
 double drift_of(const Scene& scene, std::size_t i,
                 const std::vector<math::PinholeCamera>& cameras) {
-  const Gaussians4D& set = scene.gaussians;
-  const float* x = &set.position[3 * i];
-  const float* u = &set.velocity[3 * i];
-  const auto at = [&](float ticks) {
-    return math::position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]}, ticks - set.time[i]);
-  };
   const ShownFrames frames = shown_frames(scene, i);
-  const math::Vec3 first = at(static_cast<float>(frames.first));
-  const math::Vec3 last = at(static_cast<float>(frames.last));
+  const math::Vec3 first = centre_at(scene.gaussians, i, frames.first);
+  const math::Vec3 last = centre_at(scene.gaussians, i, frames.last);
   double sum = 0;
   int seen = 0;
   for (const math::PinholeCamera& camera : cameras) {
@@ -48,6 +49,21 @@ double drift_of(const Scene& scene, std::size_t i,
     ++seen;
   }
   return seen == 0 ? double{kUnseen} : sum / seen;
+}
+
+// How many cameras see primitive i, counted up to 2.
+std::uint8_t seen_by(const Scene& scene, std::size_t i,
+                     const std::vector<math::PinholeCamera>& cameras) {
+  const ShownFrames frames = shown_frames(scene, i);
+  const double nearest =
+      std::clamp(static_cast<double>(scene.gaussians.time[i]), frames.first, frames.last);
+  const math::Vec3 centre = centre_at(scene.gaussians, i, nearest);
+  std::uint8_t count = 0;
+  for (const math::PinholeCamera& camera : cameras) {
+    const math::Projection p = math::project_gaussian(camera, centre, {});
+    if (p.visible != 0 && inside(camera, p.mean) && ++count == 2) break;
+  }
+  return count;
 }
 
 }  // namespace
@@ -80,6 +96,21 @@ ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera
   const auto middle = seen.begin() + static_cast<std::ptrdiff_t>(seen.size() / 2);
   std::nth_element(seen.begin(), middle, seen.end());
   out.median = *middle;
+  return out;
+}
+
+CameraCoverage camera_coverage(const Scene& scene,
+                               const std::vector<math::PinholeCamera>& cameras) {
+  const Gaussians4D& set = scene.gaussians;
+  std::vector<std::uint8_t> seen(set.size(), 0);  // up to 2
+  parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) seen[i] = seen_by(scene, i, cameras);
+                  });
+  CameraCoverage out;
+  for (const std::uint8_t count : seen) {
+    ++(count == 0 ? out.by_none : count == 1 ? out.by_one : out.by_more);
+  }
   return out;
 }
 

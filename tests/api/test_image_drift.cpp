@@ -82,6 +82,27 @@ TEST_CASE("each primitive's drift is the mean over the cameras that see it") {
   CHECK(image_drift(scene_of({{0, 0, 1, 0.9f, {0, 0, -0.4f}, 6}}), {camera_at(0)}).primitives == 0);
 }
 
+TEST_CASE("primitives are counted by the cameras that see their centres when they are there") {
+  const std::vector<math::PinholeCamera> cameras = {camera_at(0), camera_at(5), camera_at(100)};
+  const Scene scene = scene_of({
+      {2, 0, 4, 0.9f, {0, 0, 0}, 6},      // in the first two
+      {-1, 0, 4, 0.9f, {0, 0, 0}, 6},     // in the first
+      {100, 0, 4, 0.9f, {0, 0, 0}, 1},    // in the last
+      {0, 9, 4, 0.9f, {0, 0, 0}, 6},      // above all
+      {2, 0, -4, 0.9f, {0, 0, 0}, 6},     // behind them
+      {2, 0, 0.05f, 0.9f, {0, 0, 0}, 6},  // before the near plane
+  });
+  const CameraCoverage seen = camera_coverage(scene, cameras);
+  CHECK(seen.by_more == 1);
+  CHECK(seen.by_one == 2);
+  CHECK(seen.by_none == 3);
+
+  // A centre before the clip is looked for where the clip begins.
+  Scene early = scene_of({{-8, 0, 4, 0.9f, {1, 0, 0}, 20}});
+  early.gaussians.time[0] = -8;
+  CHECK(camera_coverage(early, cameras).by_one == 1);
+}
+
 TEST_CASE("the median of the drift is its middle") {
   std::vector<Primitive> primitives;
   for (int i = 0; i < 5; ++i) {

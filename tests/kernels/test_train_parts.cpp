@@ -170,7 +170,7 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
     const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
     state.log_sigma[i] += 1.5f;
     state.set.radius[i] += 2.0f;
-    state.settle(i, f, {0.0f, 0.0f});
+    state.settle(i, f, true, {0.0f, 0.0f});
     state.derive(i, true);
     CHECK(state.set.sigma[i] == Approx(std::exp(state.log_sigma[i])));
   }
@@ -182,15 +182,28 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
 TEST_CASE("what lives long loses speed with each step, down to rest; what lives short keeps it") {
   const math::SettleRules rules{100.0f, 0.5f};
   const math::Vec3 v{0.0f, 1.5f, -2.0f};  // 2.5 long
-  const math::Vec3 brief = math::settled_velocity(v, 50.0f, 100.0f, rules);
+  const math::Vec3 brief = math::settled_velocity(v, 2.0f, 100.0f, rules);
   CHECK(brief.y == Approx(3.0f));
   CHECK(brief.z == Approx(-4.0f));
-  const math::Vec3 slower = math::settled_velocity(v, 101.0f, 101.0f, rules);
+  const math::Vec3 slower = math::settled_velocity(v, 1.0f, 101.0f, rules);
   CHECK(slower.x == 0.0f);
   CHECK(slower.y == Approx(1.2f));
   CHECK(slower.z == Approx(-1.6f));
-  const math::Vec3 still = math::settled_velocity({0.3f, 0.0f, 0.4f}, 101.0f, 101.0f, rules);
+  const math::Vec3 still = math::settled_velocity({0.3f, 0.0f, 0.4f}, 1.0f, 101.0f, rules);
   CHECK(math::dot3(still, still) == 0.0f);
+}
+
+TEST_CASE("without the modulation v is the motion, and settles by the lifespan all the same") {
+  TrainState state = random_state(2, 6);
+  state.log_sigma = {std::log(3.0f), std::log(40.0f)};
+  state.set.radius = {0.0f, 0.0f};
+  state.velocity = {0.3f, 0.0f, 0.4f, 0.3f, 0.0f, 0.4f};
+  const math::SettleRules rules{1000.0f, 0.25f};
+  for (std::size_t i = 0; i < 2; ++i) {
+    state.settle(i, 7.0f, false, rules);
+    state.derive(i, false);
+  }
+  CHECK(state.set.velocity == std::vector<float>{0.3f, 0.0f, 0.4f, 0.15f, 0.0f, 0.2f});
 }
 
 TEST_CASE("a step leaves out its share of the primitives, others each time") {

@@ -68,6 +68,10 @@ Json to_json(const ImageDrift& d) {
           {"within_bound", d.within_bound}};
 }
 
+Json to_json(const CameraCoverage& c) {
+  return {{"by_none", c.by_none}, {"by_one", c.by_one}, {"by_more", c.by_more}};
+}
+
 Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
                      const encoder::Camera& camera, int frame, const encoder::Image8& background) {
   STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
@@ -109,8 +113,9 @@ class Evaluate final : public Command {
         "at most 15 of the evaluated frames; none with fewer than 5. static drift: how many\n"
         "pixels the centre of a primitive whose support covers the clip moves over the clip,\n"
         "from first to last frame, mean over the training cameras that see it, then over the\n"
-        "primitives, each alike or by its opacity. A window of a capture is measured at its\n"
-        "own frames.",
+        "primitives, each alike or by its opacity. seen: how many primitives no training\n"
+        "camera sees, one alone, or more, by their centres; what two cameras do not see has a\n"
+        "depth that nothing holds. A window of a capture is measured at its own frames.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
@@ -137,7 +142,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
-    STGS_TRY(find_drift());
+    STGS_TRY(look_from_training_cameras());
     return report(session);
   }
 
@@ -195,13 +200,14 @@ class Evaluate final : public Command {
     return {};
   }
 
-  Status find_drift() {
+  Status look_from_training_cameras() {
     STGS_ASSIGN(const Scene scene, read_scene(file_));
     std::vector<math::PinholeCamera> training;
     for (const encoder::Camera& camera : capture_.cameras) {
       if (!camera.test) training.push_back(camera.pinhole(scene.metadata.near_plane));
     }
     drift_ = image_drift(scene, training);
+    coverage_ = camera_coverage(scene, training);
     return {};
   }
 
@@ -251,6 +257,9 @@ class Evaluate final : public Command {
         "primitives that cover it, {} of them within {} px\n",
         drift_.mean, drift_.opacity_weighted, drift_.median, drift_.primitives, drift_.within_bound,
         kStillDrift);
+    text +=
+        fmt::format("primitives that no training camera sees {}, that one alone sees {}, more {}\n",
+                    coverage_.by_none, coverage_.by_one, coverage_.by_more);
     text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
     Json json = {{"file", file_},
@@ -260,6 +269,7 @@ class Evaluate final : public Command {
                  {"pictures", all.size()}};
     json.update(to_json(mean));
     json["static_drift"] = to_json(drift_);
+    json["seen"] = to_json(coverage_);
     json["views"] = views;
     json["peak_memory"] = peak_memory();
     return session.emit(json, text);
@@ -272,6 +282,7 @@ class Evaluate final : public Command {
   std::vector<encoder::Image8> backgrounds_;  // a camera; empty without a median
   std::vector<std::vector<Scores>> scores_;   // camera, frame
   ImageDrift drift_;
+  CameraCoverage coverage_;
 };
 
 }  // namespace

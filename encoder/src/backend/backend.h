@@ -42,7 +42,7 @@ struct StepInput {
   Random drop_random{0, 0, RandomPurpose::kDrop};
   int sh_degree = 0;                       // harmonics in use
   bool modulated = true;                   // false: f = 1
-  math::SettleRules settle{};              // of what is modulated
+  math::SettleRules settle{};              // not where it is coupled
   bool learn_radius = true;                // false: r stays as it is
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification

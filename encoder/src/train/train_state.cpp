@@ -80,10 +80,12 @@ void TrainState::resize(std::size_t n) {
   statistics.views.resize(n, 0);
 }
 
-void TrainState::settle(std::size_t i, float f, const math::SettleRules& rules) {
+void TrainState::settle(std::size_t i, float before, bool modulated,
+                        const math::SettleRules& rules) {
   float* v = &velocity[3 * i];
-  const float after = math::lifespan_modulation(std::exp(log_sigma[i]), set.radius[i]);
-  const math::Vec3 settled = math::settled_velocity({v[0], v[1], v[2]}, f, after, rules);
+  const float f = math::lifespan_modulation(std::exp(log_sigma[i]), set.radius[i]);
+  const float ratio = modulated ? f / before : 1.0f;
+  const math::Vec3 settled = math::settled_velocity({v[0], v[1], v[2]}, ratio, f, rules);
   v[0] = settled.x;
   v[1] = settled.y;
   v[2] = settled.z;

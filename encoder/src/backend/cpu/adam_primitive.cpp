@@ -10,9 +10,7 @@ namespace stgs::encoder::cpu {
 
 void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gradients,
                     const StepInput& input) {
-  const bool modulated = input.modulated && !state.is_coupled();
-  const float modulation =
-      modulated ? math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]) : 1.0f;
+  const float before = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
   const AdamCorrection correction(++state.updates[i], input.betas);
   const auto apply = [&](int attribute, std::size_t begin, std::size_t n, float rate) {
     const std::size_t at = i * static_cast<std::size_t>(state.components(attribute)) + begin;
@@ -29,7 +27,7 @@ void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gra
   const std::size_t sh = std::size_t{3} * gradients.coefficients;
   apply(kSh, 0, 3, input.rate_sh0);
   if (sh > 3) apply(kSh, 3, sh - 3, input.rates[kSh]);
-  if (modulated) state.settle(i, modulation, input.settle);
+  if (!state.is_coupled()) state.settle(i, before, input.modulated, input.settle);
   state.derive(i, input.modulated);
 }
 

@@ -131,19 +131,17 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
     step_rows(p, kRadius, first, visible, s.rates[kRadius], betas, stage, kByRadius, radius);
 }
 
-// The derived u and sigma from what update_parameters left in the primitive's stage; where it is
-// modulated, v settles first from the modulation `before` (math/settle.h).
+// The derived u and sigma from what update_parameters left in the primitive's stage. v settles
+// first; the lifespan had the modulation `before` (math/settle.h).
 __device__ inline void derive(const Primitives& p, std::uint32_t i, const UpdateSettings& settings,
                               float before, const float* stage) {
   const float sigma = expf(stage[kByLogSigma]);
   p.sigma[i] = sigma;
   math::Vec3 v = read3(stage + kByVelocity, 0);
-  float f = 1.0f;
-  if (settings.modulated) {
-    f = math::lifespan_modulation(sigma, stage[kByRadius]);
-    v = math::settled_velocity(v, before, f, settings.settle);
-    write3(p.values[kVelocity] + 3 * i, v);
-  }
+  const float lived = math::lifespan_modulation(sigma, stage[kByRadius]);
+  v = math::settled_velocity(v, settings.modulated ? lived / before : 1.0f, lived, settings.settle);
+  write3(p.values[kVelocity] + 3 * i, v);
+  const float f = settings.modulated ? lived : 1.0f;
   write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far what stays for the whole clip wanders in the pictures: what is still should not.
+// What cameras can say of a scene: how far what stays for the whole clip wanders in their pictures
+// (what is still should not), and how much of it fewer than two of them see (its depth is a guess).
 #pragma once
 
 #include <cstdint>
@@ -29,5 +30,14 @@ struct ImageDrift {
 // Times in the scene's ticks, frames 0 to metadata.frames - 1. Does not depend on the number of
 // threads; single precision leaves some 1e-4 pixels.
 ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras);
+
+// Primitives by how many cameras see them: those whose picture holds the centre, beyond the near
+// plane, at the shown frame nearest to T. What hides it is not asked.
+struct CameraCoverage {
+  std::uint64_t by_none = 0, by_one = 0, by_more = 0;
+};
+
+// As for image_drift.
+CameraCoverage camera_coverage(const Scene& scene, const std::vector<math::PinholeCamera>& cameras);
 
 }  // namespace stgs
