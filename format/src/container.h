@@ -19,9 +19,9 @@ inline constexpr std::array<std::uint8_t, 8> kMagic = {0x89, 'S', 'T', 'G', 0x0D
 inline constexpr std::uint64_t kHeaderBytes = 40;
 inline constexpr std::uint64_t kRecordHeaderBytes = 32;
 inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.2
-// The most bytes that the coders of this version expand one stored byte to (spec 5.5, 7.2): zstd
-// stores 128 KiB of one value in 4 bytes.
-inline constexpr std::uint64_t kMaxExpansion = 32768;
+// The most primitives that a record has for each of its bytes (spec 5.5): rANS, whose blocks of
+// 2048 take 132 bytes at least, stays below.
+inline constexpr std::uint64_t kMostPrimitivesPerByte = 16;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
 inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.4
 inline constexpr std::uint32_t kFragmentClosed = 1;            // fragment flag, spec 5.12
@@ -153,6 +153,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                     FileMetadata& metadata, Findings& findings);
 // Header, metadata, layouts, parts and index of a file.
 struct FileHead {
+  ReadLimits limits;  // that it was read under
   FileHeader header;
   FileMetadata metadata;
   LayoutSet layouts;

@@ -233,7 +233,11 @@ class IndexReader {
   }
 
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
-    if ((entry.primitives + kMaxExpansion - 1) / kMaxExpansion <= entry.bytes) return true;
+    if (entry.primitives <=
+        kMostPrimitivesPerByte *
+            std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
+      return true;
+    }
     findings_.error(N::kSegmentCount, at, "index: segment {} claims {} primitives in {} bytes",
                     ordinal(), entry.primitives, entry.bytes);
     return false;

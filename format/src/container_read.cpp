@@ -45,7 +45,7 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
-    return parse_layouts(in, payload_at, out.layouts, findings);
+    return parse_layouts(in, payload_at, limits.max_memory, out.layouts, findings);
   }
   if (have.count(kMetadataTag) == 0) return false;
   const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
@@ -318,6 +318,7 @@ void check_window(const SceneMetadata& metadata, Findings& findings) {
 
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings) {
+  head.limits = limits;
   std::vector<std::uint8_t> bytes(std::min<std::uint64_t>(kHeaderBytes, source.size()));
   if (Status status = source.read(0, bytes); !status.ok()) {
     findings.failed_read(0, status);

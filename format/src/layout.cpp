@@ -59,6 +59,10 @@ bool read_row(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& fi
   return in.ok();
 }
 
+Attribute attribute_of(const StreamRow& row) {
+  return static_cast<Attribute>(row.attribute);
+}
+
 // That the planes' tables exist.
 bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offset,
                   Findings& findings) {
@@ -75,7 +79,7 @@ bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offs
 bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Layout& layout,
                  Findings& findings) {
   const std::size_t rows = in.u8();
-  std::size_t coded = 0;
+  std::size_t coded = 0, most = 0;
   for (std::size_t i = 0; i < rows; ++i) {
     const std::uint64_t at = offset + in.position();
     StreamRow row;
@@ -90,8 +94,14 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
       return false;
     }
     if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
+    most += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
     for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
     layout.streams.push_back(std::move(row));
+  }
+  if (layout.planes() > most) {  // spec 7.3
+    findings.error(N::kStreamShape, offset, "layouts: {} planes for {} bytes of floats",
+                   layout.planes(), most);
+    return false;
   }
   if (coded > kRansPlanes) {
     findings.error(N::kLayouts, offset, "layouts: a group of {} planes, more than {}", coded,
@@ -107,6 +117,14 @@ bool Layout::has_group() const {
   return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
     return static_cast<Coder>(row.coder) == Coder::kRans;
   });
+}
+
+std::size_t Layout::planes() const {
+  std::size_t planes = 0;
+  for (const StreamRow& row : streams) {
+    if (row.attribute < kOptionalAttributes) planes += row.planes();
+  }
+  return planes;
 }
 
 bool Layout::has_first_key() const {
@@ -133,12 +151,21 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
   }
 }
 
-bool parse_layouts(ByteReader& in, std::uint64_t offset, LayoutSet& set, Findings& findings) {
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings) {
   const std::size_t tables = in.u16();
   if (tables > kMaxTables) {
     findings.error(N::kLayouts, offset, "layouts: {} tables, more than {}", tables, kMaxTables);
     return false;
   }
+  if (tables > memory / kTableMemory) {
+    findings.unsupported(N::kMemoryLimit, offset,
+                         "layouts: {} tables take {} bytes of memory, more than the {} that are "
+                         "left of the limit",
+                         tables, tables * kTableMemory, memory);
+    return false;
+  }
+  set.lookups.reserve(tables);
   for (std::size_t i = 0; i < tables; ++i) {
     auto table = read_rans_table(in);
     if (!table.ok()) {

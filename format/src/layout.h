@@ -12,13 +12,16 @@
 
 namespace stgs {
 
-inline constexpr std::size_t kMaxTables = 1024;      // 16 KiB each, once they can be looked up
+inline constexpr std::size_t kMaxTables = 1024;
+// What a table takes once it can be looked up (conformance 1.5).
+inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
 inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // a record has its layout in itself
 
 struct Layout {
   std::vector<StreamRow> streams;
 
   bool has_group() const;      // a stream is coded with rANS
+  std::size_t planes() const;  // of the streams that are not skipped
   bool has_first_key() const;  // a stream has prediction kMorton
   bool operator==(const Layout&) const = default;
 };
@@ -35,7 +38,9 @@ struct LayoutSet {
 std::int16_t only_symbol(const RansTable& table);
 
 void write_layouts(const LayoutSet& set, ByteWriter& out);
-// Takes a set from `in`, whose first byte is byte `offset` of the file.
-bool parse_layouts(ByteReader& in, std::uint64_t offset, LayoutSet& set, Findings& findings);
+// Takes a set from `in`, whose first byte is byte `offset` of the file. `memory`: bytes that its
+// tables may take.
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings);
 
 }  // namespace stgs

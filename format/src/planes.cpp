@@ -20,6 +20,9 @@ constexpr std::size_t kSamples = 4096;  // of a component that its digits are ch
 constexpr std::size_t kRun = 64;        // successive primitives of a sample
 constexpr double kTableBits = 6.0;      // of a table for each symbol that it has, about
 constexpr double kDigitBits = 0.02;     // a value: what another digit costs to decode
+// Of a value, so that no layout has more planes than its floats have bytes (spec 7.3): those of a
+// Morton key stand for three components.
+constexpr std::size_t kMostDigits = 4, kMostKeyDigits = 12;
 
 std::size_t size_of(const Integers& integers) {
   return integers.morton.empty()
@@ -119,7 +122,7 @@ struct Digits {
 };
 
 // The widths of least cost for the components together.
-Digits best_digits(const std::vector<Sample>& samples, double total, int bits) {
+Digits best_digits(const std::vector<Sample>& samples, double total, int bits, std::size_t most) {
   const auto size = static_cast<std::size_t>(bits) + 1;
   std::vector<std::array<double, 9>> cost(size);
   const auto cost_of = [&](int shift, int width) {
@@ -136,10 +139,10 @@ Digits best_digits(const std::vector<Sample>& samples, double total, int bits) {
     }
   }
   // best[k][b]: the lowest b bits in k digits.
-  std::vector<std::vector<Digits>> best(kMaxDigits + 1, std::vector<Digits>(size));
+  std::vector<std::vector<Digits>> best(most + 1, std::vector<Digits>(size));
   best[0][0].cost = 0.0;
   Digits out;
-  for (std::size_t k = 1; k <= kMaxDigits; ++k) {
+  for (std::size_t k = 1; k <= most; ++k) {
     for (std::size_t b = 1; b < size; ++b) {
       for (std::size_t width = 1; width <= std::min<std::size_t>(8, b); ++width) {
         const Digits& before = best[k - 1][b - width];
@@ -263,7 +266,8 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
       bits = std::max(bits, samples.back().bits);
     }
     const auto values = static_cast<double>(total);
-    Digits digits = coder == Coder::kRans ? best_digits(samples, values, bits)
+    const std::size_t most = is_morton(first) ? kMostKeyDigits : kMostDigits;
+    Digits digits = coder == Coder::kRans ? best_digits(samples, values, bits, most)
                                           : byte_digits(samples, values, bits);
     const auto raw = static_cast<double>(8 * ((bits + 7) / 8) * samples.size() * total);
     Coder chosen = coder;

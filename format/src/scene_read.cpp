@@ -210,7 +210,23 @@ void place_part(const Gaussians4D& part, std::size_t first, Gaussians4D& whole) 
   copy(part.radius, whole.radius, 1);
 }
 
-Status read_all(const SceneReader& reader, Gaussians4D& whole) {
+// The segments from `begin` on that decoding at once takes less than the limit for, at least one:
+// their bytes, their floats, and planes of no more bytes than these (spec 7.3).
+std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
+  const std::vector<SegmentInfo>& segments = reader.segments();
+  std::uint64_t left = max_memory;
+  std::size_t end = begin;
+  for (; end < segments.size(); ++end) {
+    const std::uint64_t need =
+        segments[end].bytes + segments[end].harmonics_bytes +
+        8 * floats_per_primitive(reader.sh_degree()) * std::uint64_t{segments[end].primitives};
+    if (need > left && end > begin) break;
+    left -= std::min(left, need);
+  }
+  return end;
+}
+
+Status read_all(const SceneReader& reader, std::uint64_t max_memory, Gaussians4D& whole) {
   const std::size_t count = reader.segments().size();
   std::vector<std::size_t> first(count);
   std::size_t total = 0;
@@ -221,11 +237,14 @@ Status read_all(const SceneReader& reader, Gaussians4D& whole) {
   whole.sh_degree = reader.sh_degree();
   whole.resize(total);
   std::vector<Status> statuses(count);
-  parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-    Result<Gaussians4D> part = reader.decode(static_cast<std::uint32_t>(i));
-    statuses[i] = part.status();
-    if (part.ok()) place_part(*part, first[i], whole);
-  });
+  for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
+    end = end_of_batch(reader, begin, max_memory);
+    parallel_for(begin, end, [&](std::size_t i) {
+      Result<Gaussians4D> part = reader.decode(static_cast<std::uint32_t>(i));
+      statuses[i] = part.status();
+      if (part.ok()) place_part(*part, first[i], whole);
+    });
+  }
   for (Status& status : statuses) STGS_TRY(std::move(status));
   return {};
 }
@@ -300,7 +319,7 @@ Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& l
     scene.metadata = reader->metadata();
     const ScenePart whole = {0, static_cast<double>(scene.metadata.frames), reader->primitives()};
     if (reader->parts() != std::vector<ScenePart>{whole}) scene.parts = reader->parts();
-    STGS_TRY(read_all(*reader, scene.gaussians));
+    STGS_TRY(read_all(*reader, limits.max_memory, scene.gaussians));
     STGS_ASSIGN(scene.importance, reader->importance());
     return scene;
   } catch (const std::exception& e) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "segment.h"
 
-#include <zstd.h>
-
 #include <algorithm>
 #include <optional>
 
@@ -10,6 +8,7 @@
 #include "draco_points.h"
 #include "stgs/format/parallel.h"
 #include "values.h"
+#include "zstd_frame.h"
 
 namespace stgs {
 namespace {
@@ -62,10 +61,35 @@ bool is_partial(const Layout& layout, int sh_degree) {
   return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
 }
 
-// Finds the record's layout and the bytes of its streams (spec 6.1).
+// Planes that are decoded: those that no table knows without any bytes.
+std::size_t varying_planes(const Layout& layout, const LayoutSet& set) {
+  std::size_t count = 0;
+  for (const StreamRow& row : layout.streams) {
+    if (!is_known(row)) continue;
+    if (!is_coded(row)) count += row.planes();
+    for (const std::uint16_t table : row.tables) count += set.only[table] < 0 ? 1 : 0;
+  }
+  return count;
+}
+
+// Adds to the memory of a segment (conformance 1.5); false where that passes the limit.
+bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordinal,
+                 std::uint64_t offset, std::uint64_t& memory, Findings& findings) {
+  const std::uint64_t limit = head.limits.max_memory;
+  if (memory <= limit && bytes <= limit - memory) {
+    memory += bytes;
+    return true;
+  }
+  findings.unsupported(N::kMemoryLimit, offset,
+                       "segment {}: decoding takes more memory than the limit of {} bytes", ordinal,
+                       limit);
+  return false;
+}
+
+// Finds the record's layout and the bytes of its streams (spec 6.1). `memory`: see SegmentRecords.
 bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
                    std::uint32_t ordinal, const IndexEntry& expected, SegmentRecord& record,
-                   Findings& findings) {
+                   std::uint64_t& memory, Findings& findings) {
   ByteReader in(payload);
   if (!same_segment(in, expected)) {
     findings.error(N::kSegmentMismatch, record.payload_at,
@@ -76,7 +100,11 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   record.checksum = in.u64();
   record.has_own = record.layout == kOwnLayout;
   if (record.has_own) {
-    if (!parse_layouts(in, record.payload_at, record.own, findings)) return false;
+    if (!parse_layouts(in, record.payload_at, head.limits.max_memory - memory, record.own,
+                       findings)) {
+      return false;
+    }
+    memory += record.own.tables.size() * kTableMemory;
     record.layout = 0;
   }
   const std::vector<Layout>& layouts = record.set(head.layouts).layouts;
@@ -87,7 +115,10 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   }
   const Layout& layout = layouts[record.layout];
   if (!check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
-                        findings)) {
+                        findings) ||
+      !take_memory(
+          varying_planes(layout, record.set(head.layouts)) * std::uint64_t{expected.primitives},
+          head, ordinal, record.payload_at, memory, findings)) {
     return false;
   }
   if (layout.has_first_key()) record.first_key = in.u64();
@@ -106,12 +137,14 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
 
 // Reads one record and checks it against its index row.
 bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                 const IndexEntry& entry, SegmentRecord& record, Findings& findings) {
+                 const IndexEntry& entry, SegmentRecord& record, std::uint64_t& memory,
+                 Findings& findings) {
   if (entry.offset > source.size() || entry.bytes > source.size() - entry.offset) {
     findings.error(N::kSegmentRange, entry.offset, "segment {}: {} bytes are cut off", ordinal,
                    entry.bytes);
     return false;
   }
+  if (!take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) return false;
   record.bytes.resize(entry.bytes);
   if (Status status = source.read(entry.offset, record.bytes); !status.ok()) {
     findings.failed_read(entry.offset, status);
@@ -139,20 +172,18 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
     findings.error(N::kRecordChecksum, record.payload_at,
                    "segment {} is damaged (checksum of {} bytes)", ordinal, payload.size());
   }
-  return parse_segment(payload, head, ordinal, entry, record, findings);
+  return parse_segment(payload, head, ordinal, entry, record, memory, findings);
 }
 
-// Whether the stored bytes of a stream can be its planes (spec 7.2); allocates nothing.
-bool stored_size_fits(std::span<const std::uint8_t> stored, std::uint64_t size) {
-  if (stored.size() == size) return true;
-  return ZSTD_getFrameContentSize(stored.data(), stored.size()) == size &&
-         size / kMaxExpansion <= stored.size();
-}
-
-// The same of any stream that is not rANS, whose planes are known. `n`: primitives.
-bool stored_size_fits(std::span<const std::uint8_t> stored, const StreamRow& row, std::size_t n) {
-  if (static_cast<Coder>(row.coder) == Coder::kDraco) return draco_fits(stored, n);
-  return stored_size_fits(stored, std::uint64_t{n} * row.planes());
+// Why the stored bytes of a stream that is not rANS cannot be its planes (spec 7.2), or null;
+// allocates nothing. `n`: primitives.
+const char* stored_problem(std::span<const std::uint8_t> stored, const StreamRow& row,
+                           std::size_t n) {
+  if (static_cast<Coder>(row.coder) == Coder::kDraco) {
+    return draco_fits(stored, n) ? nullptr : "its point cloud is not that of its primitives";
+  }
+  const std::uint64_t size = std::uint64_t{n} * row.planes();
+  return stored.size() == size ? nullptr : zstd_frame_problem(stored, size);
 }
 
 // What is wrong with `stored`, which must be the planes or one frame of them (spec 7.2), or null.
@@ -161,13 +192,7 @@ const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t>
     std::copy(stored.begin(), stored.end(), planes.begin());
     return nullptr;
   }
-  const std::size_t frame = ZSTD_findFrameCompressedSize(stored.data(), stored.size());
-  if (ZSTD_isError(frame)) return ZSTD_getErrorName(frame);
-  if (frame != stored.size()) return "bytes after the frame";
-  const std::size_t got =
-      ZSTD_decompress(planes.data(), planes.size(), stored.data(), stored.size());
-  if (ZSTD_isError(got)) return ZSTD_getErrorName(got);
-  return got == planes.size() ? nullptr : "another size";
+  return zstd_unpack(stored, planes);
 }
 
 // The planes of a record, decoded.
@@ -199,8 +224,9 @@ class RecordDecoder {
         findings_.not_built(N::kStreamUnsupported, record_.payload_at, check_draco());
         return false;
       }
-      if (stored_size_fits(record_.streams[i], row, n_)) continue;
-      corrupt(name_of(static_cast<Attribute>(row.attribute)), "its size is not that of its planes");
+      const char* const problem = stored_problem(record_.streams[i], row, n_);
+      if (problem == nullptr) continue;
+      corrupt(name_of(static_cast<Attribute>(row.attribute)), problem);
       good = false;
     }
     if (!layout_.has_group()) return good;
@@ -214,7 +240,7 @@ class RecordDecoder {
   }
 
   bool decode(DecodedPlanes& out) {
-    out.symbols.resize(n_ * varying_planes());
+    out.symbols.resize(n_ * varying_planes(layout_, set_));
     const std::vector<std::span<std::uint8_t>> places = place_planes(out);
     if (!decode_bytes(places)) return false;
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
@@ -292,16 +318,6 @@ class RecordDecoder {
       }
     }
     return out;
-  }
-
-  std::size_t varying_planes() const {
-    std::size_t count = 0;
-    for (const StreamRow& row : layout_.streams) {
-      if (!is_known(row)) continue;
-      if (!is_coded(row)) count += row.planes();
-      for (const std::uint16_t table : row.tables) count += set_.only[table] < 0 ? 1 : 0;
-    }
-    return count;
   }
 
   // Where the planes of each row are to be decoded.
@@ -389,7 +405,12 @@ void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_harmonics, SegmentRecords& records, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
-  if (!read_record(source, head, ordinal, segment.base, records.base, findings)) return false;
+  records.memory = 0;
+  if (!take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
+                   head, ordinal, segment.base.offset, records.memory, findings) ||
+      !read_record(source, head, ordinal, segment.base, records.base, records.memory, findings)) {
+    return false;
+  }
   const bool partial = is_partial(records.base.layout_in(head.layouts), head.metadata.sh_degree);
   const bool own = segment.harmonics.bytes > 0;
   if (partial != own) {
@@ -399,7 +420,8 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
     return false;
   }
   if (!own || !with_harmonics) return true;
-  return read_record(source, head, ordinal, segment.harmonics, records.harmonics, findings);
+  return read_record(source, head, ordinal, segment.harmonics, records.harmonics, records.memory,
+                     findings);
 }
 
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,

@@ -51,9 +51,11 @@ struct SegmentRecord {
 // The records of a segment.
 struct SegmentRecords {
   SegmentRecord base, harmonics;
+  // Bytes that they and what is decoded from them take, never above the limit (conformance 1.5).
+  std::uint64_t memory = 0;
 };
-// Reads and checks the records of segment `ordinal` of a file; its harmonics above degree 0 only
-// where they are asked for and are a record of their own.
+// Reads and checks the records of segment `ordinal` of a file, within head.limits; its harmonics
+// above degree 0 only where they are asked for and are a record of their own.
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_harmonics, SegmentRecords& records, Findings& findings);
 

@@ -8,6 +8,28 @@
 
 namespace stgs {
 
+namespace {
+
+// Stores the first of these streams as they are until the record has as many bytes as its
+// primitives need (spec 5.5): those that are all alike can take too few.
+void unpack_streams(const Layout& layout, const RecordPlanes& planes,
+                    std::vector<std::vector<std::uint8_t>>& streams) {
+  std::size_t bytes = 0;
+  for (const auto& stream : streams) bytes += stream.size();
+  const std::uint8_t* at = planes.symbols.data();
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    const std::size_t size = layout.streams[i].planes() * planes.n;
+    const bool packed = static_cast<Coder>(layout.streams[i].coder) == Coder::kBytes;
+    if (packed && planes.n / kMostPrimitivesPerByte > bytes) {
+      bytes += size - streams[i].size();
+      streams[i].assign(at, at + size);
+    }
+    at += size;
+  }
+}
+
+}  // namespace
+
 SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes,
                              const RecordCoding& coding) {  // spec 6.1
   const Layout& layout = coding.set->layouts[coding.layout];
@@ -34,8 +56,9 @@ SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes
       varying.insert(varying.end(), plane.begin(), plane.end());
       group.push_back({plane, &coding.set->tables[table]});
     }
-    out.stored.push_back(streams.back().size());
   }
+  if (!layout.has_group()) unpack_streams(layout, planes, streams);
+  for (const auto& stream : streams) out.stored.push_back(stream.size());
   ByteWriter to;
   to.u16(static_cast<std::uint16_t>(entry.level));
   to.u16(entry.layer);

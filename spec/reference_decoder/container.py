@@ -43,6 +43,7 @@ class File:
     degree: int = 0
     layouts: object = field(default_factory=layouts.Layouts)
     tiers: list = field(default_factory=list)
+    limits: Limits = None
     body_at: int = 0         # behind the last record that the index tells
     end: int = 0             # of what is complete
     growing: bool = False
@@ -57,7 +58,7 @@ def read_header(data):
     file_bytes, head_bytes = fields.u64(), fields.u64()
     need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
     need(major == 0, "2.5", f"major version {major}", unsupported=True)
-    need(minor >= 4, "2.5", f"minor version {minor}", unsupported=True)
+    need(minor >= 5, "2.5", f"minor version {minor}", unsupported=True)
     need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
     growing = flags & 1 == 1
     need(file_bytes == (0 if growing else len(data)), "2.6", f"{len(data)} bytes, not {file_bytes}")
@@ -104,7 +105,7 @@ def read_head(file, limits):
             read_meta(file, payload)
     need(b"META" in have and (file.growing or b"INDX" in have), "2.3", "no META or INDX")
     if b"LAYT" in have:
-        file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"))
+        file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"), limits.max_memory)
     if file.growing:
         read_fragments(file)
     if b"WNDW" in have:
@@ -237,10 +238,13 @@ def read_index(file, fields, at, end=None):  # 5.2
 def check_limits(file, limits):
     total = sum(tier.n for tier in file.tiers)
     need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
-    floats = 17 + 3 * (file.degree + 1) ** 2
     for tier in file.tiers:
-        need(4 * floats * tier.n <= limits.max_memory, "conformance 1.5",
+        need(floats_bytes(file, tier) <= limits.max_memory, "conformance 1.5",
              f"{tier.n} primitives in a segment", unsupported=True)
+
+
+def floats_bytes(file, tier):
+    return 4 * (17 + 3 * (file.degree + 1) ** 2) * tier.n
 
 
 def count_of(fields, clause):
@@ -285,8 +289,9 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             records.append(Record(at, RECORD + size))
             at += RECORD + size
         for i, n in enumerate(counts):
-            need(n <= 32768 * records[i].size, "5.5", f"{n} primitives in {records[i].size} bytes")
             harmonics = records[tiers + i] if apart else None
+            for r in [records[i]] + [harmonics] * apart:
+                need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
             file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end),
                                    0.0 if level < 0 else start))
     return at
@@ -318,7 +323,7 @@ def read_importance(file):
 
 
 def open_file(data, limits):
-    file = File(data)
+    file = File(data, limits=limits)
     file.head_bytes, file.growing = read_header(data)
     read_head(file, limits)
     return file

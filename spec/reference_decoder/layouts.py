@@ -41,16 +41,20 @@ class Layouts:
     layouts: list = field(default_factory=list)
 
 
-def read_layouts(fields):  # 6.2
+def read_layouts(fields, memory):  # 6.2; memory: what the tables may take
     out = Layouts()
     count = fields.u16()
     need(count <= 1024, "6.2", f"{count} tables")
+    need(16384 * count <= memory, "conformance 1.5", f"{count} tables", unsupported=True)
     out.tables = [rans.Table(fields) for _ in range(count)]
     count = fields.u16()
     need(count <= 65534, "6.2", f"{count} layouts")
     for _ in range(count):
         out.layouts.append([read_stream(fields, len(out.tables)) for _ in range(fields.u8())])
         group = sum(1 for s in out.layouts[-1] for t in s.tables if out.tables[t].only is None)
+        planes = sum(s.planes() for s in out.layouts[-1] if not s.optional())
+        most = sum(4 * COMPONENTS[s.attribute] for s in out.layouts[-1] if not s.optional())
+        need(planes <= most, "7.3", f"{planes} planes for {most} bytes of floats")
         need(group <= 256, "A.1", f"a group of {group} planes")
     return out
 

@@ -7,7 +7,7 @@ import numpy as np
 import zstandard
 
 import rans
-from container import known, record_at
+from container import floats_bytes, known, record_at
 from fields import Fields, checksum, need
 from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
 
@@ -17,7 +17,11 @@ F32 = np.float32
 def decode_tier(file, tier):
     """{attribute: (integers, floats)}; integers has a row a component, floats one a primitive."""
     records = [(tier.base, 0)] + [(tier.harmonics, 1)] * (tier.harmonics is not None)
-    opened = [open_record(file, tier, *record) for record in records]
+    memory = file.limits.max_memory - floats_bytes(file, tier)  # conformance.md 1.5
+    opened = []
+    for record in records:
+        opened.append(open_record(file, tier, *record, memory))
+        memory = opened[-1][-1]
     need(file.degree > 0 or tier.harmonics is None, "5.7", "harmonics apart where there are none")
     if file.degree > 0:  # 5.7
         need(opened[0][2] == (tier.harmonics is not None), "5.7", "harmonics stored twice or nowhere")
@@ -31,7 +35,13 @@ def decode_tier(file, tier):
     return out
 
 
-def open_record(file, tier, place, content):  # 6.1
+def take(memory, count):  # conformance.md 1.5
+    need(count <= memory, "conformance 1.5", "a segment of more memory", unsupported=True)
+    return memory - count
+
+
+def open_record(file, tier, place, content, memory):  # 6.1
+    memory = take(memory, place.size)
     tag, flags, payload, payload_sum = record_at(file.data, place.offset, place.offset + place.size)
     need(tag == b"SEGM" and len(payload) + 32 == place.size, "5.3", f"record {tag} of another size")
     need(flags & 1 == 1, "3.2", "a segment that is not marked critical")
@@ -44,33 +54,40 @@ def open_record(file, tier, place, content):  # 6.1
     number, planes_sum = fields.u16(), fields.u64()
     layouts = file.layouts
     if number == 65535:
-        layouts, number = read_layouts(fields), 0
+        layouts, number = read_layouts(fields, memory), 0
+        memory = take(memory, 16384 * len(layouts.tables))
         need(len(layouts.layouts) == 1, "6.1", f"{len(layouts.layouts)} layouts of its own")
     need(number < len(layouts.layouts), "6.1", f"layout {number} is not there")
     layout = layouts.layouts[number]
     partial = check_attributes(layout, content, file.degree)
+    for s in layout:
+        some = [t for t in s.tables if layouts.tables[t].only is None]
+        memory = take(memory, tier.n * (len(some) if s.coder == RANS else s.planes() * (not s.optional())))
     first_key = fields.u64() if any(s.prediction == MORTON for s in layout) else 0
     sizes = [None if s.coder == RANS else fields.u64() for s in layout]
     stored = [b"" if size is None else fields.bytes(size) for size in sizes]
     group = fields.bytes(fields.left()) if any(s.coder == RANS for s in layout) else b""
     need(fields.left() == 0, "6.1", f"{fields.left()} bytes after the streams")
-    return (layouts, layout, partial, first_key, stored, group, planes_sum)
+    return (layouts, layout, partial, first_key, stored, group, planes_sum, memory)
 
 
 def check_sizes(record, n):  # 7.2
-    _, layout, _, _, stored, group, _ = record
+    _, layout, _, _, stored, group, _, _ = record
     for s, data in zip(layout, stored):
         need(s.optional() or s.coder != DRACO, "7.2.1", "positions that need Draco to be decoded",
              unsupported=True)
         if s.optional() or s.coder == RANS or len(data) == n * s.planes():
             continue
+        need(data[:4] == b"\x28\xb5\x2f\xfd", "7.2.2", "neither planes nor a frame")
+        need(len(data) > 4 and data[4] & 8 == 0, "7.2.2", "a reserved bit")
         try:
             frame = zstandard.get_frame_parameters(data)
         except zstandard.ZstdError:
-            need(False, "7.2", "neither planes nor a frame")
-        need(frame.content_size == n * s.planes() and frame.dict_id == 0, "7.2",
+            need(False, "7.2.2", "a frame that is cut off")
+        need(frame.content_size == n * s.planes() and frame.dict_id == 0, "7.2.2",
              "a frame of another size, or with a dictionary")
-        need(frame.content_size <= 32768 * len(data), "7.2", "a frame cannot hold that much")
+        need(frame.window_size <= max(8 << 20, frame.content_size), "7.2.2", "too large a window")
+        need(frame.content_size // 32768 <= len(data), "7.2.2", "a frame cannot hold that much")
 
 
 def unpack(data, size):  # 7.2, coder 0
@@ -87,7 +104,7 @@ def unpack(data, size):  # 7.2, coder 0
 
 
 def decode_record(file, tier, record, out):
-    layouts, layout, _, first_key, stored, group, planes_sum = record
+    layouts, layout, _, first_key, stored, group, planes_sum, _ = record
     n = tier.n
     in_group = [layouts.tables[t] for s in layout for t in s.tables
                 if layouts.tables[t].only is None]

@@ -433,6 +433,7 @@ TEST_CASE("an integer of a truncated float is below 2^24") {
 
 TEST_CASE("a segment's memory is not allocated before its streams can fill it") {
   constexpr std::uint32_t kClaim = 3'000'000;  // 240 MB of floats
+  const Bytes filler(kClaim / 16);             // so many primitives need as many bytes
   const auto check = [](const Bytes& bytes) {
     const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
     REQUIRE(reader.ok());
@@ -447,8 +448,11 @@ TEST_CASE("a segment's memory is not allocated before its streams can fill it") 
     for (std::size_t i = 0; lying_frames && i < kStreams; ++i) {
       const std::size_t row = layouts_at(bytes) + kRecord + kRows + kRow * i;
       const auto planes = get<std::uint8_t>(bytes, row + 2) * get<std::uint8_t>(bytes, row + 7);
-      replace_stream(bytes, i, zstd_frame(kClaim * static_cast<std::uint32_t>(planes), {1, 2, 3}));
+      replace_stream(bytes, i,
+                     zstd_frame(kClaim * static_cast<std::uint32_t>(planes),
+                                i == 0 ? filler : Bytes{1, 2, 3}));
     }
+    if (!lying_frames) replace_stream(bytes, 0, filler);
     claim(bytes, kClaim);
     check(bytes);
   }
@@ -464,8 +468,56 @@ TEST_CASE("a segment's memory is not allocated before its streams can fill it") 
   REQUIRE(constant.ok());
   CHECK(issues_of(*constant).empty());
   CHECK(constant->size() < 2500);
-  claim(*constant, kClaim);
+  const auto record = static_cast<std::uint32_t>(constant->size() - body_at(*constant));
+  claim(*constant, 16 * record);
   check(*constant);
+  claim(*constant, 16 * record + 1);
+  CHECK(numbers_of(issues_of(*constant)) == std::set<int>{305});
+}
+
+TEST_CASE("primitives that are all alike keep the bytes that their number needs") {
+  Scene scene = random_scene(1, 0, 30, 21);
+  scene.gaussians.opacity_logit[0] = 3.0f;
+  scene.gaussians = scene.gaussians.gather(std::vector<std::uint32_t>(200'000, 0));
+  for (const SceneCoder coder : {SceneCoder::kRans, SceneCoder::kZstd}) {
+    for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+      WriteSettings settings;
+      settings.profile = profile;
+      settings.coder = coder;
+      const auto bytes = encode_scene(scene, settings);
+      REQUIRE(bytes.ok());
+      CHECK(issues_of(*bytes).empty());
+      CHECK(read_all(*bytes).ok());
+    }
+  }
+}
+
+TEST_CASE("all that decoding a segment takes counts") {
+  for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    for (const bool own_layouts : {false, true}) {
+      const Bytes bytes = small_file(profile, 40, own_layouts);
+      const auto fits = [&](std::uint64_t limit) {
+        const auto reader = SceneReader::open(memory_source(bytes), {1000, limit});
+        bool all = reader.ok();
+        for (std::uint32_t i = 0; all && i < (*reader)->segments().size(); ++i) {
+          const Status status = (*reader)->decode(i).status();
+          all = status.ok();
+          if (!all && status.code() != StatusCode::kUnsupported) FAIL(status.message());
+        }
+        return all;
+      };
+      const auto reader = SceneReader::open(memory_source(bytes));
+      REQUIRE(reader.ok());
+      std::uint64_t floats = 0, stored = 0;
+      for (const SegmentInfo& segment : (*reader)->segments()) {
+        floats = std::max<std::uint64_t>(floats, segment.primitives * std::uint64_t{4 * (17 + 12)});
+        stored = std::max(stored, segment.bytes + segment.harmonics_bytes);
+      }
+      CHECK_FALSE(fits(floats));
+      CHECK_FALSE(fits(std::max(floats, stored) + 8));
+      CHECK(fits(2 * floats + stored + (std::uint64_t{2048} << 14)));
+    }
+  }
 }
 
 TEST_CASE("the flags of META, LAYT, INDX and SEGM are looked at") {

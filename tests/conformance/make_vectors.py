@@ -67,6 +67,16 @@ def replaced(stream, n=3, **body):
     return plain(body=own_body(streams, n, **body))
 
 
+def framed(planes, window=None, size=True, dictionary=0, reserved=0):
+    """A zstd frame of a raw block, with another header than zstd_frame's."""
+    head = 0x80 * bool(size) | 0x20 * (window is None) | reserved | bool(dictionary)
+    out = struct.pack("<IB", 0xFD2FB528, head)
+    out += b"" if window is None else bytes([window])
+    out += bytes([dictionary] * bool(dictionary))
+    out += struct.pack("<I", len(planes)) if size else b""
+    return out + struct.pack("<I", len(planes) << 3 | 1)[:3] + planes
+
+
 def with_byte(data, at, flip=1):
     return data[:at] + bytes([data[at] ^ flip]) + data[at + 1:]
 
@@ -100,6 +110,9 @@ def sound_lossless():
         streams[7].zstd = kind
         vector(f"zstd_{kind}", "7.2", f"a stream as one zstd frame of a {kind} block",
                plain(body=Body(streams, 6)))
+    streams = float_streams(3, 0, 1)
+    streams[7].stored = framed(b"".join(streams[7].planes()), window=0x68)
+    vector("zstd_window", "7.2.2", "a frame of a window of 8 MiB", plain(body=Body(streams, 3)))
     extra = Stream(0x8001, 9, 3, [[1, 2, 3]], 7, 0, (8,), (1.0,), stored=b"whatever")
     streams = float_streams(3, 0, 1)
     vector("optional_stream", "6.5", "an attribute of 0x8001 between the others, skipped",
@@ -243,7 +256,7 @@ def broken_header():
     must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
     must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
     must_fail("major_version", "2.5", "major version 1", plain(major=1))
-    must_fail("minor_version", "2.5", "minor version 3, an experiment", plain(minor=3))
+    must_fail("minor_version", "2.5", "minor version 4, an experiment", plain(minor=4))
     must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
     must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
     must_fail("bytes_after_the_end", "2.6", "one more", good + b"\0")
@@ -305,13 +318,43 @@ def broken_index():
     must_fail("persistent_slot", "5.3", "slot 1 of level -1", of([one(-1, 0, raw_place=32)]))
     must_fail("record_beyond_the_end", "5.3", "a skip past the end", of([one(-1, 0)], skip=1 << 20))
     must_fail("no_primitives", "5.3", "a tier of 0 primitives", of([one(-1, 0, counts=[0])]))
-    must_fail("too_many_primitives", "5.5", "more than 32768 a byte", of([one(-1, 0, counts=[1 << 31])]))
+    must_fail("too_many_primitives", "5.5", "more than 16 a byte", of([one(-1, 0, counts=[1 << 31])]))
     must_fail("harmonics_of_degree_0", "5.7", "apart, where there are none",
            of([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1)], [Body([], 1)])]))
+    must_fail("expansion", "5.5", "6 million primitives in 12 kB of frames, 2 GB once decoded",
+              expansion())
+    # 3 primitives of 80 bytes of floats and of planes.
+    record_bytes = 32 + len(plain().parts[0].segments[0].payloads()[0])
+    vector("limit_of_planes_kept", "conformance 1.5", "a segment's floats, bytes and planes at the limit",
+           plain(), {"max_memory": 480 + record_bytes})
+    must_fail("limit_of_planes", "conformance 1.5", "a byte more than the limit", plain(),
+              {"max_memory": 479 + record_bytes})
+    must_fail("limit_of_own_tables", "conformance 1.5", "tables of a segment, more than the limit",
+              coded(), {"max_memory": 16384})
+    layt = layouts_payload([{0: 2048, 1: 2048}] * 2, [float_streams(3, 0, 1)])
+    must_fail("limit_of_tables", "conformance 1.5", "two tables of LAYT, more than the limit",
+              plain(layouts=layt), {"max_memory": 32767})
     must_fail("limit_of_primitives", "conformance 1.5", "3 primitives, the limit is 2", plain(),
            {"max_primitives": 2})
     must_fail("limit_of_memory", "conformance 1.5", "240 bytes of floats, the limit is 239", plain(),
            {"max_memory": 239})
+
+
+def expansion():
+    """What frames of one value could make of 12 kB before a record's primitives were bounded."""
+    n = 6 << 20
+    streams = float_streams(1, 3, 1)
+    for s in streams:
+        s.mapping, s.prediction, s.bits, s.e = 1, 0, (8,), 0
+        s.mapping = {3: 2, 4: 2, 5: 3, 7: 4}.get(s.attribute, 1)
+        s.e = {7: -4}.get(s.attribute, 0)
+        s.v = s.v[:3] if s.attribute == 7 else s.v
+        s.origin = (1.0,) if s.attribute == 3 else ()
+        blocks = n * len(s.v) >> 17
+        s.stored = struct.pack("<IBI", 0xFD2FB528, 0xA0, blocks << 17)
+        for i in range(blocks):
+            s.stored += struct.pack("<I", 1 << 20 | 2 | (i + 1 == blocks))[:3] + b"\0"
+    return plain(body=Body(streams, n, planes_sum=0), degree=3)
 
 
 def broken_segment():
@@ -366,6 +409,8 @@ def broken_streams():
             ("digit_of_9_bits", "7.3", "a digit of 9 bits", dict(bits=(9,), coder=RANS,
                                                                v=[[0, 0, 0]])),
             ("stored_digits_of_4_bits", "7.2", "coder 0, 4 bits", dict(bits=(4, 4), v=[[0, 0, 0]])),
+            ("planes_beyond_floats", "7.3", "81 planes for 80 bytes of floats",
+             dict(bits=(8, 8, 8, 4, 4), coder=RANS, v=[[0, 0, 0]])),
             ("truncated_opacity", "7.5", "mapping 2 of an opacity", dict(mapping=2))):
         if fields.get("coder") == RANS:
             streams = float_streams(3, 0, 1)
@@ -377,7 +422,22 @@ def broken_streams():
     must_fail("coarse_lifespans", "7.5.3", "mapping 2 with e = 24", changed(3, mapping=2, e=24))
     must_fail("coarse_rotation", "7.5.5", "mapping 4 with e = 0", replaced(
         Stream(7, 4, 0, [[0] * 3] * 3)))
-    must_fail("zstd_size", "7.2", "a frame that states another size", changed(
+    for name, clause, about, stored in (
+            ("zstd_window_of_9_mib", "7.2.2", "a window of 9 MiB", framed(b"123456789012", window=0x69)),
+            ("zstd_skippable", "7.2.2", "a skippable frame before the frame",
+             struct.pack("<II", 0x184D2A50, 0) + zstd_frame(b"123456789012")),
+            ("zstd_skippable_behind", "7.2", "a skippable frame behind the frame",
+             zstd_frame(b"123456789012") + struct.pack("<II", 0x184D2A50, 0)),
+            ("zstd_legacy", "7.2.2", "a frame of format 0.7",
+             b"\x27" + zstd_frame(b"123456789012")[1:]),
+            ("zstd_without_size", "7.2.2", "a frame that does not state its content's size",
+             framed(b"123456789012", window=0x50, size=None)),
+            ("zstd_dictionary", "7.2.2", "a frame that needs dictionary 1",
+             framed(b"123456789012", dictionary=1)),
+            ("zstd_reserved_bit", "7.2.2", "a reserved bit in a frame's header",
+             framed(b"123456789012", reserved=8))):
+        must_fail(name, clause, about, changed(8, stored=stored))
+    must_fail("zstd_size", "7.2.2", "a frame that states another size", changed(
         8, stored=zstd_frame(b"1234567", size=13)))
     must_fail("zstd_two_frames", "7.2", "a frame behind the frame", changed(
         8, stored=zstd_frame(b"123456789012") + zstd_frame(b"")))
@@ -495,7 +555,7 @@ def main():
             print(f"{v.name}, {v.clause}: {lines}")
         entries.append(entry)
     with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
-        json.dump({"format": "0.4", "vectors": entries}, file, indent=1)
+        json.dump({"format": "0.5", "vectors": entries}, file, indent=1)
         file.write("\n")
     print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
           f"{sum(len(v.data) for v in VECTORS)} bytes")

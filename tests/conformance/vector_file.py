@@ -277,7 +277,7 @@ class File:
     total: int = None
     index_extra: bytes = b""
     major: int = 0
-    minor: int = 4
+    minor: int = 5
     flags: int = 0
     head_first: bytes = b""           # records of the head, before META and after INDX
     head_last: bytes = b""

@@ -18,8 +18,8 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 4;
-inline constexpr std::uint16_t kOldestMinor = 4;  // those before were experiments
+inline constexpr std::uint16_t kFormatMinor = 5;
+inline constexpr std::uint16_t kOldestMinor = 5;  // those before were experiments
 
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float as trained
@@ -88,7 +88,9 @@ struct Scene {
 // Upper bounds that a reader refuses to pass, checked before anything is allocated.
 struct ReadLimits {
   std::uint64_t max_primitives = 200'000'000;
-  std::uint64_t max_memory = std::uint64_t{16} << 30;  // bytes, decoded
+  // Bytes that a segment may take with all that decoding it needs; for a whole scene, its floats
+  // (spec/conformance.md, 1.5).
+  std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
 // The primitives of one tier that are drawn inside [begin, end) alone. Tier 0 has those that matter
