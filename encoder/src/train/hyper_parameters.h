@@ -28,9 +28,9 @@ struct HyperParameters {
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
   double lr_position = 1.6e-4;
   double lr_position_final = 1.6e-6;
-  double lr_velocity = 1.6e-3;
-  double lr_velocity_final = 1.6e-5;
-  double velocity_shrink = 32;  // |v| that a step takes off what lives long, in rates of velocity
+  double lr_velocity = 6.4e-3;
+  double lr_velocity_final = 6.4e-5;
+  double velocity_shrink = 8;   // |v| that a step takes off what lives long, in rates of velocity
   double still_from = 0.2;      // long: sigma + r above this share of the clip
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
