@@ -128,9 +128,8 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
   const std::vector<float> bounds = tier_bounds(encoding.importance, encoding.tiers);
   std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    for (const SegmentMembers& whole :
-         segments_of(*encoding.set, parts[p], encoding.chunk_ticks, encoding.frames,
-                     encoding.quantiser == nullptr)) {
+    for (const SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
+                                                   encoding.quantiser == nullptr)) {
       int tier = 0;
       for (Tier& members : tiers_of(whole.members, encoding.importance, bounds)) {
         for (Piece& piece :
@@ -248,8 +247,8 @@ class BodyWriter {
       return;
     }
     const IndexEntry& entry = body_.index.segments[s].base;
-    const double begin = begin_of(entry.level, entry.slot, encoding_.chunk_ticks);
     const PartEntry& in = body_.parts[body_.index.segments[s].part];
+    const double begin = begin_in_part(entry, encoding_.chunk_ticks, in);
     std::vector<std::uint32_t> order;
     integers_[s] = encoding_.quantiser->quantise(part, groups_[group_of_[s]].steps, begin,
                                                  static_cast<float>(in.end - in.begin), order);

@@ -18,7 +18,6 @@ struct Encoding {
   std::span<const float> importance;  // empty: lossless, one tier
   const Quantiser* quantiser = nullptr;
   double chunk_ticks = 0;
-  std::uint32_t frames = 0;
   int tiers = 1, zstd_level = 9;
   Coder coder = Coder::kBytes;
   bool draco = false;        // codes the positions

@@ -117,6 +117,8 @@ struct Interval {
 };
 // Where a place begins, whatever its part.
 double begin_of(int level, std::uint32_t slot, double chunk_ticks);
+// The same from the beginning of its part on, as the times of its primitives (spec 7.5.8).
+double begin_in_part(const IndexEntry& entry, double chunk_ticks, const PartEntry& part);
 // The interval of a segment: that of its place within its part's (spec 5.4).
 Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part);
 

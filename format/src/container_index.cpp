@@ -283,6 +283,10 @@ double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
   return level < 0 ? 0.0 : slot * std::ldexp(chunk_ticks, level - 1);
 }
 
+double begin_in_part(const IndexEntry& entry, double chunk_ticks, const PartEntry& part) {
+  return entry.level < 0 ? 0.0 : begin_of(entry.level, entry.slot, chunk_ticks) - part.begin;
+}
+
 Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part) {
   if (level < 0) return part;
   const double begin = begin_of(level, slot, chunk_ticks);

@@ -18,11 +18,12 @@ bool inside(const math::PinholeCamera& camera, math::Vec2 pixel) {
   return pixel.x >= 0 && pixel.y >= 0 && pixel.x < camera.width && pixel.y < camera.height;
 }
 
+// At a moment of the primitive's part.
 math::Vec3 centre_at(const Gaussians4D& set, std::size_t i, double ticks) {
   const float* x = &set.position[3 * i];
   const float* u = &set.velocity[3 * i];
   return math::position_at({x[0], x[1], x[2]}, {u[0], u[1], u[2]},
-                           static_cast<float>(ticks) - set.time[i]);
+                           static_cast<float>(ticks - set.time[i]));
 }
 
 // Pixels between the projections of two points, or kUnseen.
@@ -38,8 +39,8 @@ float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec
 double drift_of(const Scene& scene, std::size_t i,
                 const std::vector<math::PinholeCamera>& cameras) {
   const ShownFrames frames = shown_frames(scene, i);
-  const math::Vec3 first = centre_at(scene.gaussians, i, frames.first);
-  const math::Vec3 last = centre_at(scene.gaussians, i, frames.last);
+  const math::Vec3 first = centre_at(scene.gaussians, i, frames.first - frames.part_begin);
+  const math::Vec3 last = centre_at(scene.gaussians, i, frames.last - frames.part_begin);
   double sum = 0;
   int seen = 0;
   for (const math::PinholeCamera& camera : cameras) {
@@ -56,7 +57,8 @@ std::uint8_t seen_by(const Scene& scene, std::size_t i,
                      const std::vector<math::PinholeCamera>& cameras) {
   const ShownFrames frames = shown_frames(scene, i);
   const double nearest =
-      std::clamp(static_cast<double>(scene.gaussians.time[i]), frames.first, frames.last);
+      std::clamp(static_cast<double>(scene.gaussians.time[i]), frames.first - frames.part_begin,
+                 frames.last - frames.part_begin);
   const math::Vec3 centre = centre_at(scene.gaussians, i, nearest);
   std::uint8_t count = 0;
   for (const math::PinholeCamera& camera : cameras) {

@@ -315,14 +315,13 @@ double mean_of(std::span<const float> values) {
   return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
 }
 
-// Where primitive i moves by less than `still` in the interval and its opacity changes by less than
-// `even` either way: its mean opacity, for all of the interval and at rest in its middle.
-void make_constant(const Interval& interval, double still, double even, std::size_t i,
-                   Gaussians4D& set) {
-  const auto time = static_cast<double>(set.time[i]), length = interval.end - interval.begin;
-  const double nearest = std::clamp(time, interval.begin, interval.end);
-  const double middle = 0.5 * (interval.begin + interval.end);
-  const double farthest = time < middle ? interval.end : interval.begin;
+// Where primitive i moves by less than `still` in its part, which lasts `length` ticks, and its
+// opacity changes by less than `even` either way: its mean opacity, for all of the part and at rest
+// in its middle.
+void make_constant(double length, double still, double even, std::size_t i, Gaussians4D& set) {
+  const auto time = static_cast<double>(set.time[i]);
+  const double nearest = std::clamp(time, 0.0, length), middle = 0.5 * length;
+  const double farthest = time < middle ? length : 0.0;
   const auto seen = [&](double t) {
     return math::visibility(static_cast<float>(t - time), set.sigma[i], set.radius[i]);
   };
@@ -346,7 +345,7 @@ void make_constant(const Interval& interval, double still, double even, std::siz
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
-                     std::uint32_t frames, double quality, double max_error)
+                     double longest_part, double quality, double max_error)
     : max_error_(max_error),
       power_(by_size ? kPowerBySize : kPower),
       position_power_(by_size ? kPositionPowerBySize : kPower) {
@@ -361,7 +360,7 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   steps_.rotation = -5.2;
   steps_.sh[0] = -4.65;
   steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = -4.8;
-  double latest = frames;
+  double latest = longest_part;
   for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
   // The fractions spread the attributes' doublings over the range of qualities.
   const auto exponent = [this](double at_85) {
@@ -385,8 +384,9 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
   if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
   const double even = std::exp2(kEvenOpacity + coarser_);
   for (const PartRange& part : parts) {
+    const double length = part.interval.end - part.interval.begin;
     for (std::uint32_t i = part.first; i < part.last; ++i) {
-      make_constant(part.interval, still, even, i, out);
+      make_constant(length, still, even, i, out);
     }
   }
   const int shift = steps_.lifespan_shift;
@@ -456,14 +456,14 @@ float Quantiser::position_step() const {
   return std::ldexp(1.0f, std::max(static_cast<int>(coarsest), coarsest_position_));
 }
 
-std::vector<float> importance_by_size(const Gaussians4D& set, std::uint32_t frames) {
+std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {
   std::vector<float> out(set.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     const float* s = set.log_scale.data() + 3 * i;
     const float area = std::exp(s[0] + s[1] + s[2] - std::min({s[0], s[1], s[2]}));
     const float opacity = math::opacity_of(set.opacity_logit[i]);
     const float span = set.radius[i] + set.sigma[i];
-    out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(frames));
+    out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(ticks));
   }
   return out;
 }

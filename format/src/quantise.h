@@ -35,13 +35,14 @@ struct GroupSteps {
 
 class Quantiser {
  public:
-  // Chooses the steps for a whole set; quality 0..100. `importance` (N): how much each primitive
+  // Chooses the steps for a whole set, whose times count from the beginnings of parts that last
+  // `longest_part` ticks at most; quality 0..100. `importance` (N): how much each primitive
   // adds to pictures, see Scene::importance, or what importance_by_size() makes of the set, then
   // `by_size`. `max_error`: how far, in scene units, a primitive may
   // come to lie from where it was, at any moment at which it is seen; 0: as far as quality has it.
   // It is kept where 21 bits for the extent of a layout's positions are enough.
   Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
-            std::uint32_t frames, double quality, double max_error);
+            double longest_part, double quality, double max_error);
 
   // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
   // its interval and stands still there gets one constant lifespan, which costs next to nothing.
@@ -51,8 +52,8 @@ class Quantiser {
   GroupSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                       double importance) const;
   // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
-  // set to the indices in that order. The segment begins at `segment_begin`, ticks, before its
-  // part, which lasts `part_ticks`, cuts it.
+  // set to the indices in that order. The segment begins at `segment_begin`, ticks of its part,
+  // before that, which lasts `part_ticks`, cuts it.
   std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
                                  double segment_begin, float part_ticks,
                                  std::vector<std::uint32_t>& order) const;
@@ -73,7 +74,7 @@ class Quantiser {
 };
 
 // What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area
-// that the primitive covers times the share of the time.
-std::vector<float> importance_by_size(const Gaussians4D& set, std::uint32_t frames);
+// that the primitive covers times the share of the time, of which all is `ticks`.
+std::vector<float> importance_by_size(const Gaussians4D& set, double ticks);
 
 }  // namespace stgs

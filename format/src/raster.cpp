@@ -22,7 +22,7 @@ void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame) {
   frame.tile_begin.assign(static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y + 1, 0);
 }
 
-void render(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
+void render(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
             const RasterSettings& settings, SplatFrame& frame, RasterOutput& output) {
   begin_frame(camera, frame);
   slice(set, t, camera, settings, 0, frame);

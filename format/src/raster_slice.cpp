@@ -58,7 +58,7 @@ bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
 
 // The splat of primitive i, cheapest tests first; false where it is not visible.
 bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& out) {
-  const float dt = view.t - set.time[i];
+  const auto dt = static_cast<float>(view.t - set.time[i]);
   const float sigma = set.sigma[i], radius = set.radius[i];
   const float beyond = std::abs(dt) - radius;
   if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
@@ -99,7 +99,7 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
 
 // Slices the `count` primitives index(0) < index(1) < ... and appends the visible ones in order.
 template <typename Index>
-void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, float t,
+void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, double t,
                    const PinholeCamera& camera, const RasterSettings& settings,
                    std::uint32_t id_base, SplatFrame& frame) {
   const View view = raster::view_of(set, t, camera, settings);
@@ -126,14 +126,14 @@ void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, float
 
 }  // namespace
 
-void slice(const Gaussians4D& set, float t, const PinholeCamera& camera,
+void slice(const Gaussians4D& set, double t, const PinholeCamera& camera,
            const RasterSettings& settings, std::uint32_t id_base, SplatFrame& frame) {
   slice_indexed(
       set, set.size(), [](std::size_t k) { return static_cast<std::uint32_t>(k); }, t, camera,
       settings, id_base, frame);
 }
 
-void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, float t,
+void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, double t,
            const PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame) {
   slice_indexed(

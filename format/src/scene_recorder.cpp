@@ -6,12 +6,11 @@
 #include <exception>
 
 #include "scene_write.h"
+#include "segmenter.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs {
 namespace {
-
-constexpr double kMostSlots = 4294967295.0;  // of a level, spec 5.3
 
 // What the index tells of an appended stretch.
 struct Stretch {

@@ -93,14 +93,16 @@ ShownFrames shown_frames(const Scene& scene, std::size_t i) {
     if (i >= end) continue;
     const double first = std::ceil(part.begin_ticks);
     // The end is not the part's, but for the timeline's.
-    return {first, std::max(first, std::min(last, std::ceil(part.end_ticks) - 1))};
+    const double end_frame = std::min(last, std::ceil(part.end_ticks) - 1);
+    return {first, std::max(first, end_frame), part.begin_ticks};
   }
-  return {0, last};
+  return {0, last, 0};
 }
 
 bool covers_clip(const Scene& scene, std::size_t i) {
-  const double time = scene.gaussians.time[i], half = half_width_of(scene.gaussians, i);
   const ShownFrames frames = shown_frames(scene, i);
+  const double time = frames.part_begin + scene.gaussians.time[i];
+  const double half = half_width_of(scene.gaussians, i);
   return half >= 0 && time - half <= frames.first && time + half >= frames.last;
 }
 

@@ -24,10 +24,7 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,
              [&](std::size_t i) {
-               const Lifetime lifetime =
-                   within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i],
-                                      set.radius[i], scene.frames, false),
-                          {part.begin, part.end});
+               const Lifetime lifetime = lifetime_of(set, i, {part.begin, part.end}, false);
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });

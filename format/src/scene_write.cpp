@@ -151,6 +151,14 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
   return ranges;
 }
 
+double longest_of(std::span<const PartRange> parts) {
+  double longest = 0.0;
+  for (const PartRange& part : parts) {
+    longest = std::max(longest, part.interval.end - part.interval.begin);
+  }
+  return longest;
+}
+
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
   FileHeader header;
   const std::vector<IndexEntry*> records = records_of(body.index.segments);
@@ -201,14 +209,12 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   Gaussians4D snapped;
   Encoding encoding;
   encoding.set = &scene.gaussians;
-  encoding.frames = scene.metadata.frames;
   encoding.zstd_level = settings.zstd_level;
   encoding.own_layouts = settings.own_layouts;
   if (settings.profile != Profile::kLossless) {
-    importance = scene.importance.empty()
-                     ? importance_by_size(scene.gaussians, scene.metadata.frames)
-                     : scene.importance;
-    quantiser.emplace(scene.gaussians, importance, scene.importance.empty(), scene.metadata.frames,
+    importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
+                                          : scene.importance;
+    quantiser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
                       settings.quality, settings.max_error);
     // Segments follow from what a decoder will see.
     snapped = quantiser->snap_lifespans(scene.gaussians, parts);
@@ -219,8 +225,7 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     encoding.draco = settings.profile == Profile::kDraco;
     encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   }
-  encoding.chunk_ticks =
-      chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts, scene.metadata.frames);
+  encoding.chunk_ticks = chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts);
   set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, out.metadata.scene);
   STGS_TRY(check_metadata(out.metadata));
   out.body = encode_body(encoding, parts);

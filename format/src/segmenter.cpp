@@ -22,7 +22,7 @@ constexpr std::size_t kSample = 1 << 18;  // lifetimes that the choice of a chun
 // What a segment costs, in primitives: its row, record headers, tables and coders' states.
 constexpr double kSegmentCost = 40.0;
 constexpr double kSeekWeight = 0.25;  // of a share of bytes read in vain at a seek
-constexpr double kMostChunks = 1e6;   // of a timeline
+constexpr double kMostChunks = 1e6;   // of what is drawn
 
 struct PartLifetime {
   Lifetime lifetime;
@@ -31,13 +31,11 @@ struct PartLifetime {
 
 // Every nth primitive that can be seen.
 std::vector<PartLifetime> sample_lifetimes(const Gaussians4D& set, std::span<const PartRange> parts,
-                                           std::uint32_t frames, std::size_t stride) {
+                                           std::size_t stride) {
   std::vector<PartLifetime> out;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     for (std::size_t i = parts[p].first; i < parts[p].last; i += stride) {
-      const Lifetime lifetime = within(
-          lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames),
-          parts[p].interval);
+      const Lifetime lifetime = lifetime_of(set, i, parts[p].interval);
       if (!lifetime.never) out.push_back({lifetime, p});
     }
   }
@@ -68,21 +66,16 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
 
 }  // namespace
 
-Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
-                     std::uint32_t frames, bool widened) {
-  const float opacity = math::opacity_of(opacity_logit);
-  const double half =
-      math::support_half_width(opacity * 1.000001f, sigma, radius, math::kAlphaThreshold);
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, const Interval& part, bool widened) {
+  const float opacity = math::opacity_of(set.opacity_logit[i]);
+  const double half = math::support_half_width(opacity * 1.000001f, set.sigma[i], set.radius[i],
+                                               math::kAlphaThreshold);
   if (half < 0.0) return {0, 0, true};
-  const double reach = half + (widened ? slack(time, half) : 0.0);
-  if (time + reach < 0.0 || time - reach >= frames) return {0, 0, true};
-  return {std::max(0.0, time - reach), std::min<double>(frames, time + reach), false};
-}
-
-Lifetime within(const Lifetime& lifetime, const Interval& interval) {
-  const Lifetime cut = {std::max(lifetime.begin, interval.begin),
-                        std::min(lifetime.end, interval.end), lifetime.never};
-  return cut.never || cut.begin >= cut.end ? Lifetime{0, 0, true} : cut;
+  const double time = set.time[i], reach = half + (widened ? slack(time, half) : 0.0);
+  const double begin = std::max(0.0, time - reach);
+  const double end = std::min(part.end - part.begin, time + reach);
+  if (begin >= end) return {0, 0, true};
+  return {part.begin + begin, std::min(part.end, part.begin + end), false};
 }
 
 Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& part) {
@@ -102,14 +95,11 @@ Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& par
 }
 
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
-                                        double chunk_ticks, std::uint32_t frames,
-                                        bool keep_never_visible) {
+                                        double chunk_ticks, bool keep_never_visible) {
   // Beginning, then the longer first; persistent before all.
   std::map<std::pair<double, int>, SegmentMembers> segments;
   for (std::uint32_t i = part.first; i < part.last; ++i) {
-    const Lifetime lifetime =
-        within(lifetime_of(set.opacity_logit[i], set.time[i], set.sigma[i], set.radius[i], frames),
-               part.interval);
+    const Lifetime lifetime = lifetime_of(set, i, part.interval);
     if (lifetime.never && !keep_never_visible) continue;
     const Place place = place_of(lifetime, chunk_ticks, part.interval);
     const double begin = place.level < 0 ? -1.0 : begin_of(place.level, place.slot, chunk_ticks);
@@ -123,17 +113,24 @@ std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange&
   return out;
 }
 
-double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts,
-                    std::uint32_t frames) {
+double ticks_of(std::span<const PartRange> parts) {
+  double sum = 0.0;
+  for (const PartRange& part : parts) sum += part.interval.end - part.interval.begin;
+  return sum;
+}
+
+double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts) {
   const std::size_t stride = set.size() / kSample + 1;
-  const std::vector<PartLifetime> sample = sample_lifetimes(set, parts, frames, stride);
-  double longest = 1.0;
+  const std::vector<PartLifetime> sample = sample_lifetimes(set, parts, stride);
+  double longest = 1.0, last = 0.0;
   for (const PartRange& part : parts) {
     longest = std::max(longest, part.interval.end - part.interval.begin);
+    last = std::max(last, part.interval.end);
   }
+  const double least = std::max(ticks_of(parts) / kMostChunks, 2.0 * last / kMostSlots);
   std::vector<double> chunks;
   for (double chunk = 1.0; chunks.empty() || chunks.back() < longest; chunk *= 2.0) {
-    if (chunk * kMostChunks >= frames) chunks.push_back(chunk);
+    if (chunk >= least) chunks.push_back(chunk);
   }
   if (sample.empty()) return chunks.back();
   std::vector<double> costs(chunks.size());

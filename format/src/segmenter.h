@@ -11,17 +11,17 @@
 
 namespace stgs {
 
-// When a primitive can be seen within [0, frames); `never` where it cannot. `widened`: so that
-// rounding in a renderer cannot step out of it.
+// When a primitive can be seen within its part, ticks of the timeline; `never` where it cannot.
 struct Lifetime {
   double begin = 0, end = 0;
   bool never = false;
 };
-Lifetime lifetime_of(float opacity_logit, float time, float sigma, float radius,
-                     std::uint32_t frames, bool widened = true);
+// Of primitive i of a set, whose time counts from the part's beginning. `widened`: so that rounding
+// in a renderer cannot step out of it.
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, const Interval& part,
+                     bool widened = true);
 
-// What of it lies in the interval; never, where that is nothing.
-Lifetime within(const Lifetime& lifetime, const Interval& interval);
+inline constexpr double kMostSlots = 4294967295.0;  // of a level (spec 5.3)
 
 struct Place {
   std::int16_t level = -1;
@@ -44,11 +44,13 @@ struct PartRange {
 // Every primitive of the part exactly once, segments in file order (spec 5.6). Those that are never
 // visible are persistent, or left out.
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
-                                        double chunk_ticks, std::uint32_t frames,
-                                        bool keep_never_visible);
+                                        double chunk_ticks, bool keep_never_visible);
 
 // A chunk for these primitives, ticks: the best of the powers of two, weighing what a seek reads
 // beyond what is alive against what each segment costs (spec 5.8). Looks at a sample of large sets.
-double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts, std::uint32_t frames);
+double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts);
+
+// Ticks that the parts last, together.
+double ticks_of(std::span<const PartRange> parts);
 
 }  // namespace stgs

@@ -61,7 +61,7 @@ struct Integers {
 // What the records of a segment are mapped with, beside their layouts.
 struct SegmentContext {
   float part_ticks = 0;         // length of its part
-  double begin = 0;             // of the segment, before its part cuts it; ticks
+  double begin = 0;             // of the segment, before its part cuts it; ticks of its part
   std::uint64_t first_key = 0;  // of the record (spec 6.5)
 };
 // Checks a row against what this version knows.

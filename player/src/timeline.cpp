@@ -17,9 +17,9 @@ namespace {
 
 constexpr double kMiB = 1 << 20;
 
-// A decoded segment with the support of each primitive, [begin, end] in ticks. Scanning all
-// supports of the segments alive is proportional to what is alive: a lifespan segment holds only
-// primitives that live for a good part of its span.
+// A decoded segment with the support of each primitive, [begin, end] in ticks of its part. Scanning
+// all supports of the segments alive is proportional to what is alive: a lifespan segment holds
+// only primitives that live for a good part of its span.
 struct Held {
   Gaussians4D set;
   std::vector<float> begin, end;
@@ -91,15 +91,19 @@ class SegmentTimeline final : public Timeline {
     ++call_;
     try {
       STGS_TRY(hold(needed, seconds));
-      const auto ticks = static_cast<float>(active.ticks);
-      std::vector<Held*> parts;
-      for (std::uint32_t segment : needed) parts.push_back(&held_.at(segment));
-      parallel_for(std::size_t{0}, parts.size(),
-                   [&](std::size_t i) { find_candidates(*parts[i], ticks); });
-      for (std::size_t i = 0; i < parts.size(); ++i) {
-        if (parts[i]->candidates.empty()) continue;
+      std::vector<Held*> held;
+      for (std::uint32_t segment : needed) held.push_back(&held_.at(segment));
+      const auto moment_in = [&](std::size_t i) {
+        const SegmentInfo& segment = reader_->segments()[needed[i]];
+        return active.ticks - reader_->parts()[segment.part].begin_ticks;
+      };
+      parallel_for(std::size_t{0}, held.size(), [&](std::size_t i) {
+        find_candidates(*held[i], static_cast<float>(moment_in(i)));
+      });
+      for (std::size_t i = 0; i < held.size(); ++i) {
+        if (held[i]->candidates.empty()) continue;
         active.parts.push_back(
-            {needed[i], &parts[i]->set, &parts[i]->candidates, id_base_[needed[i]]});
+            {needed[i], &held[i]->set, &held[i]->candidates, moment_in(i), id_base_[needed[i]]});
       }
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot hold what is alive at {} s: {}", name_, seconds, e.what());

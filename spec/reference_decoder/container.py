@@ -32,7 +32,8 @@ class Tier:
     base: Record
     harmonics: Record = None
     part: tuple = None       # its part's begin and end
-    start: float = 0.0       # of the segment's interval before the part cuts it (5.4); 0: persistent
+    start: float = 0.0       # where its interval begins before the part cuts it (5.4), ticks of the
+                             # part; 0: persistent
 
 
 @dataclass
@@ -293,7 +294,7 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             for r in [records[i]] + [harmonics] * apart:
                 need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
             file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end),
-                                   0.0 if level < 0 else start))
+                                   0.0 if level < 0 else start - begin))
     return at
 
 

@@ -9,10 +9,9 @@ namespace stgs::testing {
 
 inline constexpr std::uint32_t kStretchFrames = 10;
 
-// The primitives of stretch i, of frames [10 i, 10 i + 10).
+// The primitives of stretch i, of frames [10 i, 10 i + 10), from which their times count.
 inline Gaussians4D stretch(std::uint32_t i, std::size_t primitives = 60, int sh_degree = 1) {
   Gaussians4D set = random_scene(primitives, sh_degree, kStretchFrames, 100 + i).gaussians;
-  for (float& t : set.time) t += static_cast<float>(kStretchFrames * i);
   for (float& o : set.opacity_logit) o = std::abs(o);  // all of them are seen
   return set;
 }

@@ -252,7 +252,7 @@ TEST_CASE("a chunk is chosen that makes segments neither tiny nor wasteful") {
       scene.gaussians.opacity_logit[i] = 3.0f;
     }
     const PartRange all = {0, static_cast<std::uint32_t>(n), {0, kLong}};
-    return choose_chunk(scene.gaussians, {&all, 1}, kLong);
+    return choose_chunk(scene.gaussians, {&all, 1});
   };
   // Lives of 9 and of 140 frames: the longer the lives, the longer the chunk.
   CHECK(chosen(50000, 2.0f) >= 8);

@@ -80,6 +80,51 @@ TEST_CASE("a timeline gives exactly what is alive at a moment") {
   }
 }
 
+// Pictures of a scene whose times count from `begin`, ticks of a second, at moments between frames.
+std::vector<std::vector<float>> pictures_from(std::uint32_t begin,
+                                              std::unique_ptr<SceneReader> reader) {
+  auto timeline = Timeline::over(std::move(reader), kDefaultMemoryBudget);
+  auto renderer = make_renderer("cpu");
+  REQUIRE(renderer.ok());
+  std::vector<std::vector<float>> out;
+  for (const double moment : {0.0, 7.0 + 307.0 / 1024, 44.0 + 1.0 / 1024, 89.625}) {
+    std::vector<Frame> frames;
+    REQUIRE((*renderer)
+                ->render(*timeline, begin + moment, {{camera_of(160, 90)}}, frames, nullptr)
+                .ok());
+    out.push_back(frames[0].colour.data);
+  }
+  return out;
+}
+
+TEST_CASE("a part looks the same wherever in a long timeline it lies") {
+  constexpr std::uint32_t kLate = 1 << 20;  // where single precision has steps of an eighth
+  for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    WriteSettings settings;
+    settings.profile = profile;
+    settings.chunk_seconds = 8;
+    const auto reader_of = [&](std::uint32_t begin) {
+      Scene scene = testing::random_scene(3000, 1, kFrames, 3);
+      scene.metadata.time_base = {1, 1};
+      scene.metadata.frames = begin + kFrames;
+      scene.parts = {{double(begin), double(begin) + kFrames, scene.gaussians.size()}};
+      auto bytes = encode_scene(scene, settings);
+      INFO(bytes.status().message());
+      REQUIRE(bytes.ok());
+      const auto issues = validate_scene(*memory_source(*bytes));
+      REQUIRE(issues.ok());
+      CHECK(issues->empty());
+      auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+      REQUIRE(reader.ok());
+      return std::move(*reader);
+    };
+    const auto early = pictures_from(0, reader_of(0)),
+               late = pictures_from(kLate, reader_of(kLate));
+    CHECK(early[1] != early[2]);
+    CHECK(early == late);
+  }
+}
+
 TEST_CASE("a timeline keeps within its memory budget and still shows the same") {
   const Scene scene = testing::random_scene(3000, 1, kFrames, 4);
   auto ample = timeline_over(scene);

@@ -114,7 +114,9 @@ Status write_recordings(const Scene& scene, const std::string& folder) {
               SceneRecorder::create(path, scene.metadata, scene.gaussians.sh_degree, settings));
   STGS_TRY(recorder->append(scene.gaussians, kFrames / 2));
   const std::uint64_t first = recorder->bytes();
-  STGS_TRY(recorder->append(scene.gaussians, kFrames));
+  Gaussians4D rest = scene.gaussians;
+  for (float& t : rest.time) t -= kFrames / 2;
+  STGS_TRY(recorder->append(rest, kFrames));
   STGS_TRY(recorder->close());
   std::filesystem::copy_file(path, folder + "/cut.stgs");
   std::filesystem::resize_file(folder + "/cut.stgs", first + 1000);

@@ -188,6 +188,11 @@ def sound_container():
              Part([Segment(-1, 0, [own_body(coded_streams(3, 0, 3, moment=False), 3)]),
                    Segment(0, 6, [own_body(coded_streams(2, 0, 4), 2)])], 14.5, 30, note)]
     vector("parts", "5.10", "two parts, a record between them", File(parts, Meta()))
+    far = 1 << 20
+    late = [Segment(-1, 0, [own_body(coded_streams(3, 0, 3), 3)]),
+            Segment(0, 2 * far // 5 + 1, [own_body(coded_streams(2, 0, 4), 2)])]
+    vector("late_part", "7.5.8", "mapping 7 in a part from tick 2^20 on, which cuts its segment",
+           File([Part(late, far, far + 30)], Meta(frames=far + 30)))
     further = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)], further=[(512, b"new"), (65535, b"")])
     vector("further_records", "5.7", "contents 2 and 255, ignored", File([Part([further])]))
     vector("empty", "5.2", "no primitives, no parts", File([]))
@@ -204,7 +209,7 @@ def sound_container():
 
 
 def stretches(count):
-    return [Part([Segment(-1, 0, [Body(float_streams(2, 0, 10 + i, 10 * i + 1, 10 * i + 9), 2)])],
+    return [Part([Segment(-1, 0, [Body(float_streams(2, 0, 10 + i, 1, 8), 2)])],
                  10 * i, 10 * i + 10) for i in range(count)]
 
 

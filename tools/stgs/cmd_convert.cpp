@@ -46,6 +46,7 @@ std::uint64_t bytes_at(const std::string& path) {
 
 bool moves_or_fades(const Scene& scene) {
   const Gaussians4D& set = scene.gaussians;
+  if (!scene.parts.empty()) return true;
   const auto frames = static_cast<float>(scene.metadata.frames);
   if (std::any_of(set.velocity.begin(), set.velocity.end(), [](float v) { return v != 0.0f; })) {
     return true;

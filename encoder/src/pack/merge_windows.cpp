@@ -108,7 +108,7 @@ Result<Scene> merge_windows(std::vector<WindowScene> windows) {
     const Scene& scene = windows[i].scene;
     const double end = i + 1 < windows.size() ? seam_of(scene, windows[i + 1].scene)
                                               : static_cast<double>(merged.metadata.frames);
-    append(scene.gaussians, static_cast<float>(span_of(scene).begin), merged.gaussians);
+    append(scene.gaussians, static_cast<float>(span_of(scene).begin - begin), merged.gaussians);
     merged.importance.insert(merged.importance.end(), scene.importance.begin(),
                              scene.importance.end());
     merged.parts.push_back({begin, end, scene.gaussians.size()});

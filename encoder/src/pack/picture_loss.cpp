@@ -23,25 +23,19 @@ struct Sketch {
 };
 
 // What of the scene is drawn at t: the primitives of the parts that have this moment.
-void draw(const Scene& scene, float t, const math::PinholeCamera& camera, Sketch& sketch) {
+void draw(const Scene& scene, double t, const math::PinholeCamera& camera, Sketch& sketch) {
   RasterSettings settings;
   const float* b = scene.metadata.background;
   settings.background = {b[0], b[1], b[2]};
   begin_frame(camera, sketch.frame);
-  if (scene.parts.size() < 2) {
-    slice(scene.gaussians, t, camera, settings, 0, sketch.frame);
-  } else {
-    std::vector<std::uint32_t> drawn;
-    std::uint32_t first = 0;
-    for (const ScenePart& part : scene.parts) {
-      const auto n = static_cast<std::uint32_t>(part.primitives);
-      if (part.begin_ticks <= t && t < part.end_ticks) {
-        drawn.resize(drawn.size() + n);
-        std::iota(drawn.end() - n, drawn.end(), first);
-      }
-      first += n;
-    }
-    slice(scene.gaussians, drawn, t, camera, settings, 0, sketch.frame);
+  if (scene.parts.empty()) slice(scene.gaussians, t, camera, settings, 0, sketch.frame);
+  std::uint32_t first = 0;
+  for (const ScenePart& part : scene.parts) {
+    std::vector<std::uint32_t> drawn(part.primitives);
+    std::iota(drawn.begin(), drawn.end(), first);
+    first += static_cast<std::uint32_t>(part.primitives);
+    if (t < part.begin_ticks || t >= part.end_ticks) continue;
+    slice(scene.gaussians, drawn, t - part.begin_ticks, camera, settings, 0, sketch.frame);
   }
   bin(sketch.frame);
   blend(sketch.frame, settings, sketch.output);
@@ -93,7 +87,7 @@ std::optional<double> picture_loss(const Scene& scene, const Scene& packed) {
   double error = 0.0;
   for (int i = 0; i < kLossPictures; ++i) {
     const double moment = (i + 0.5) / kLossPictures * scene.metadata.frames;
-    const auto t = static_cast<float>(std::floor(moment));
+    const double t = std::floor(moment);
     const float side = (i / 2) % 2 == 0 ? 1.0f : -1.0f;
     const bool around = i % 2 == 1;
     const auto camera =

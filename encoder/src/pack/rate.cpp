@@ -17,16 +17,15 @@ void measure_positions(const Scene& scene, Packed& packed) {
   double largest = 0.0, squares = 0.0;
   std::uint64_t part_end = 0;
   std::size_t part = 0;
-  const auto frames = static_cast<double>(scene.metadata.frames);
   for (std::size_t i = 0; i < packed.order.size(); ++i) {
-    double begin = 0.0, end = frames;
+    double length = scene.metadata.frames;
     if (!packed.decoded.parts.empty()) {
       while (i >= part_end) part_end += packed.decoded.parts[part++].primitives;
-      begin = packed.decoded.parts[part - 1].begin_ticks;
-      end = packed.decoded.parts[part - 1].end_ticks;
+      const ScenePart& in = packed.decoded.parts[part - 1];
+      length = in.end_ticks - in.begin_ticks;
     }
     const double error =
-        trajectory_error(scene.gaussians, packed.order[i], packed.decoded.gaussians, i, begin, end);
+        trajectory_error(scene.gaussians, packed.order[i], packed.decoded.gaussians, i, length);
     largest = std::max(largest, error);
     squares += error * error;
   }
@@ -79,12 +78,12 @@ double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
 }
 
 double trajectory_error(const Gaussians4D& a, std::size_t i, const Gaussians4D& b, std::size_t j,
-                        double begin, double end) {
+                        double part_ticks) {
   const float half = math::support_half_width(math::opacity_of(a.opacity_logit[i]), a.sigma[i],
                                               a.radius[i], math::kAlphaThreshold);
   if (half < 0.0f) return 0.0;
-  const double first = std::max(begin, double{a.time[i]} - half);
-  const double last = std::min(end, double{a.time[i]} + half);
+  const double first = std::max(0.0, double{a.time[i]} - half);
+  const double last = std::min(part_ticks, double{a.time[i]} + half);
   if (first > last) return 0.0;
   double largest = 0.0;
   for (const double t : {first, last}) {  // both go straight: the difference is greatest at an end

@@ -15,21 +15,25 @@ namespace {
 
 constexpr std::size_t kGrain = 16384;
 
-// Whether each primitive may be drawn at the moment, as far as parts are concerned (spec 5.10).
-std::vector<bool> within_parts(const Scene& scene, double ticks) {
-  std::vector<bool> in(scene.gaussians.size(), scene.parts.empty());
+// Primitives [first, last) that are drawn at a moment as far as parts are concerned (spec 5.10),
+// and the moment as their times count.
+struct DrawnPart {
+  std::size_t first = 0, last = 0;
+  double moment = 0;
+};
+std::vector<DrawnPart> parts_at(const Scene& scene, double ticks) {
+  if (scene.parts.empty()) return {{0, scene.gaussians.size(), ticks}};
+  std::vector<DrawnPart> out;
   std::size_t first = 0;
   for (const ScenePart& part : scene.parts) {
     const bool ends_the_clip = part.end_ticks >= scene.metadata.frames;
     const bool drawn = ticks >= part.begin_ticks &&
                        (ticks < part.end_ticks || (ends_the_clip && ticks <= part.end_ticks));
-    const std::size_t last = std::min(in.size(), first + static_cast<std::size_t>(part.primitives));
-    if (drawn)
-      std::fill(in.begin() + static_cast<std::ptrdiff_t>(first),
-                in.begin() + static_cast<std::ptrdiff_t>(last), true);
+    const std::size_t last = first + static_cast<std::size_t>(part.primitives);
+    if (drawn) out.push_back({first, last, ticks - part.begin_ticks});
     first = last;
   }
-  return in;
+  return out;
 }
 
 // The logit of O l; that of O to the bit where l is 1.
@@ -65,23 +69,23 @@ Result<Gaussians4D> at_moment(const Scene& scene, double ticks) {
                        base.seconds(scene.metadata.frames));
   }
   const Gaussians4D& set = scene.gaussians;
-  const std::vector<bool> in_part = within_parts(scene, ticks);
-  const auto moment = static_cast<float>(ticks);
   std::vector<std::uint32_t> seen;
-  std::vector<float> logits;
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    if (!in_part[i]) continue;
-    const float l = math::visibility(moment - set.time[i], set.sigma[i], set.radius[i]);
-    if (math::opacity_of(set.opacity_logit[i]) * l < math::kAlphaThreshold) continue;
-    seen.push_back(static_cast<std::uint32_t>(i));
-    logits.push_back(faded_logit(set.opacity_logit[i], l));
+  std::vector<float> logits, ages;  // ages: t - T
+  for (const DrawnPart& part : parts_at(scene, ticks)) {
+    for (std::size_t i = part.first; i < part.last; ++i) {
+      const auto dt = static_cast<float>(part.moment - set.time[i]);
+      const float l = math::visibility(dt, set.sigma[i], set.radius[i]);
+      if (math::opacity_of(set.opacity_logit[i]) * l < math::kAlphaThreshold) continue;
+      seen.push_back(static_cast<std::uint32_t>(i));
+      logits.push_back(faded_logit(set.opacity_logit[i], l));
+      ages.push_back(dt);
+    }
   }
   Gaussians4D out = set.gather(seen);
   out.opacity_logit = std::move(logits);
   for (std::size_t i = 0; i < out.size(); ++i) {
-    const float dt = moment - out.time[i];
     for (std::size_t c = 0; c < 3; ++c) {
-      out.position[3 * i + c] += out.velocity[3 * i + c] * dt;
+      out.position[3 * i + c] += out.velocity[3 * i + c] * ages[i];
     }
   }
   set_static_lifespan(out);

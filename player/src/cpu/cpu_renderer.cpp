@@ -67,8 +67,7 @@ class CpuRenderer final : public Renderer {
     auto clock = Clock::now();
     begin_frame(view.camera, splats_);
     for (const auto& part : active.parts) {
-      slice(*part.set, *part.candidates, static_cast<float>(active.ticks), view.camera, settings,
-            part.id_base, splats_);
+      slice(*part.set, *part.candidates, part.ticks, view.camera, settings, part.id_base, splats_);
     }
     stats.slice_ms += lap(clock);
     bin(splats_);

@@ -48,7 +48,7 @@ Vec3 colour_backward(const float* sh, const View& view, Vec3 from_camera, Vec3 c
 void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat,
                     const SplatGradients& grad, std::size_t s, PrimitiveGradients& out) {
   const std::size_t i = splat.id;
-  const float dt = view.t - set.time[i];
+  const auto dt = static_cast<float>(view.t - set.time[i]);
   const Vec3 u = read3(set.velocity, i);
   const Vec3 position = position_at(read3(set.position, i), u, dt);
   const Vec3 log_scale = read3(set.log_scale, i);

@@ -92,7 +92,7 @@ struct CodedSegment {
   std::uint32_t primitives = 0;
   int sh_degree = 0;                 // of the file
   float part_ticks = 0;              // length of its part
-  double begin = 0;                  // of the segment, before its part cuts it; ticks
+  double begin = 0;                  // of the segment, before its part cuts it; ticks of its part
   std::uint64_t first_key = 0;       // of positions with Prediction::kMorton
   std::vector<CodedRecord> records;  // that with the base, then that of the harmonics
 };

@@ -30,7 +30,7 @@ struct Gaussians4D {
   std::vector<float> rotation;       // N x 4, quaternion w x y z of any length but 0
   std::vector<float> opacity_logit;  // N
   std::vector<float> sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
-  std::vector<float> time;           // N, centre T; ticks
+  std::vector<float> time;           // N, centre T; ticks from the beginning of its part
   std::vector<float> velocity;       // N x 3, effective velocity u = v / f; scene units a tick
   std::vector<float> sigma;          // N, > 0; ticks
   std::vector<float> radius;         // N, >= 0; ticks

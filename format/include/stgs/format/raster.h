@@ -72,12 +72,13 @@ struct RasterSettings {
 
 // Starts a frame of the camera's size with no splats.
 void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame);
-// Appends what is visible of the set at time t (ticks): motion, visibility, culling, projection,
-// colour. Splat ids are id_base + index in the set; ids must ascend from call to call.
-void slice(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
+// Appends what is visible of the set at moment t (ticks, counted as set.time): motion, visibility,
+// culling, projection, colour. t - T is rounded to single precision once. Splat ids are id_base +
+// index in the set; ids must ascend from call to call.
+void slice(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
            const RasterSettings& settings, std::uint32_t id_base, SplatFrame& frame);
 // The same for candidate primitives only (ascending), for instance those alive in a segment.
-void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, float t,
+void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, double t,
            const math::PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame);
 // Fills the tile lists from frame.splats with the exact ellipse-tile test. Throws std::length_error
@@ -87,7 +88,7 @@ void bin(SplatFrame& frame);
 void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput& output);
 
 // begin_frame + slice + bin + blend of one whole set.
-void render(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
+void render(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
             const RasterSettings& settings, SplatFrame& frame, RasterOutput& output);
 
 // Name of the vector target in use, for reports ("AVX3", "AVX2", "SSE4", "scalar"...).

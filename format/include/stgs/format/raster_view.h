@@ -16,12 +16,12 @@ namespace stgs::raster {
 struct View {
   math::PinholeCamera camera;
   math::Vec3 centre;  // of the camera, in the world
-  float t;            // ticks
+  double t;           // ticks, from where the set's time counts
   int coefficients;   // of the harmonics, evaluated
   int stride;         // floats a primitive in set.sh
 };
 
-inline View view_of(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
+inline View view_of(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
                     const RasterSettings& settings) {
   return {camera, math::camera_centre(camera), t,
           math::sh_coefficients(std::clamp(settings.max_sh_degree, 0, set.sh_degree)),

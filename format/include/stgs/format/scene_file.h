@@ -69,7 +69,8 @@ struct SceneMetadata {
 };
 
 // Successive primitives that are drawn at the moments of [begin, end) alone (spec 5.10); a part
-// that reaches the end of the timeline includes it.
+// that reaches the end of the timeline includes it. Their times count from begin_ticks, so that
+// single precision holds them however late the part is.
 struct ScenePart {
   double begin_ticks = 0, end_ticks = 0;  // 0 <= begin < end <= frames
   std::uint64_t primitives = 0;
@@ -79,7 +80,7 @@ struct ScenePart {
 struct Scene {
   SceneMetadata metadata;
   Gaussians4D gaussians;
-  std::vector<ScenePart> parts;  // of all the primitives, in their order; empty: always drawn
+  std::vector<ScenePart> parts;  // of all the primitives, in their order; empty: one, all the clip
   // N, or empty where it is not known: the sum over the pixels of many views of the square of the
   // share that the primitive has in them. A writer makes layers and steps by it.
   std::vector<float> importance;
@@ -155,8 +156,8 @@ class SceneReader {
   // Indices of the segments that hold every primitive alive somewhere in [t0, t1], ticks; from the
   // index alone, ascending in file offset.
   virtual std::vector<std::uint32_t> segments_between(double t0, double t1) const = 0;
-  // Decodes one segment; without its harmonics those above degree 0 are 0 where they are stored
-  // apart, and their bytes are not read.
+  // Decodes one segment, its times counted from the beginning of its part; without its harmonics
+  // those above degree 0 are 0 where they are stored apart, and their bytes are not read.
   virtual Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const = 0;
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
   // The same segment as stored, for a decoder on another device. Its checksum is checked, but not

@@ -34,9 +34,9 @@ class SceneRecorder {
   virtual ~SceneRecorder() = default;
 
   // The primitives that are drawn from frames() to `end_frame`, which is greater; times count from
-  // the beginning of the recording. `importance`: see Scene; may be empty. After a kUsage nothing
-  // has changed. After any other error nothing more can be appended; the file ends where it did
-  // before, as far as the system lets it be cut.
+  // frames(), the beginning of the stretch. `importance`: see Scene; may be empty. After a kUsage
+  // nothing has changed. After any other error nothing more can be appended; the file ends where it
+  // did before, as far as the system lets it be cut.
   virtual Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
                         std::span<const float> importance = {}) = 0;
   // Says in the file that nothing follows, with the whole index in one place.

@@ -52,6 +52,7 @@ SceneStatistics scene_statistics(const Scene& scene);
 // clip's, or its part's in a scene in parts, for which these stand in for the clip.
 struct ShownFrames {
   double first = 0, last = 0;
+  double part_begin = 0;  // from which the primitive's time counts
 };
 ShownFrames shown_frames(const Scene& scene, std::size_t i);
 

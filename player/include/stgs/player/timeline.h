@@ -38,6 +38,7 @@ class Timeline {
       std::uint32_t segment;
       const Gaussians4D* set;
       const std::vector<std::uint32_t>* candidates;
+      double ticks;  // the moment from where the set's time counts: the beginning of its part
       // The file's primitives counted in the order of its segments: index of the set's first.
       std::uint32_t id_base;
     };
