@@ -163,6 +163,15 @@ struct FileHead {
   FileIndex index;
   bool closed = true;             // nothing more will be appended
   std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
+  std::uint64_t there = 0;        // bytes of the file that there are
+
+  bool has(const IndexEntry& entry) const {
+    return entry.offset <= there && entry.bytes <= there - entry.offset;
+  }
+  // Whether a segment's records are there (spec 2.6); without harmonics it may be anything.
+  bool has(const SegmentEntry& segment) const {
+    return has(segment.base) && (segment.harmonics.bytes == 0 || has(segment.harmonics));
+  }
 
   bool growing() const { return (header.flags & kGrowing) != 0; }
 };

@@ -160,10 +160,10 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     return false;
   }
   if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
-  if (header.file_bytes != source_bytes) {
-    findings.error(N::kFileSize, 16, "{}: {} bytes instead of {}; copy or fetch it again",
-                   source_bytes < header.file_bytes ? "the file is truncated"
-                                                    : "the file has bytes after its end",
+  if (header.file_bytes < source_bytes) {
+    findings.error(N::kFileSize, 16,
+                   "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
+                   "again",
                    source_bytes, header.file_bytes);
   }
   if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
@@ -171,7 +171,10 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                    header.head_bytes, header.file_bytes);
     return false;
   }
-  return header.head_bytes <= source_bytes;
+  if (header.head_bytes <= source_bytes) return true;
+  findings.error(N::kFileSize, 16, "the file is truncated: {} bytes instead of {}, a head of {}",
+                 source_bytes, header.file_bytes, header.head_bytes);
+  return false;
 }
 
 bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
@@ -316,9 +319,25 @@ void check_window(const SceneMetadata& metadata, Findings& findings) {
                  metadata.frames, window.first_frame, window.capture_frames);
 }
 
+namespace {
+
+// The head is there: so are the segments up to the file's end (spec 2.6).
+void report_truncation(const FileHead& head, Findings& findings) {
+  const std::vector<SegmentEntry>& segments = head.index.segments;
+  const auto lost = std::count_if(segments.begin(), segments.end(),
+                                  [&head](const SegmentEntry& s) { return !head.has(s); });
+  findings.damage(N::kFileSize, 16,
+                  "the file is truncated: {} bytes instead of {}; of its {} segments {} are not "
+                  "there whole; copy or fetch it again",
+                  head.there, head.header.file_bytes, segments.size(), lost);
+}
+
+}  // namespace
+
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings) {
   head.limits = limits;
+  head.there = source.size();
   std::vector<std::uint8_t> bytes(std::min<std::uint64_t>(kHeaderBytes, source.size()));
   if (Status status = source.read(0, bytes); !status.ok()) {
     findings.failed_read(0, status);
@@ -342,6 +361,7 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& hea
     if (!read_fragments(source, limits, head, findings)) return false;
   }
   check_window(head.metadata.scene, findings);
+  if (!head.growing() && head.there < head.header.file_bytes) report_truncation(head, findings);
   return true;
 }
 

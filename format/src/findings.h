@@ -82,6 +82,13 @@ class Findings {
     add(number, true, StatusCode::kUnsupported, offset,
         fmt::format(text, std::forward<Args>(args)...));
   }
+  // An error that a reader can read past: what it does not reach is all that is lost.
+  template <typename... Args>
+  void damage(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
+              Args&&... args) {
+    issues_.push_back(
+        {static_cast<int>(number), true, offset, fmt::format(text, std::forward<Args>(args)...)});
+  }
   // A part of the file for which this build lacks a library; `status` says which.
   void not_built(IssueNumber number, std::uint64_t offset, const Status& status) {
     add(number, true, StatusCode::kNotBuilt, offset, status.message());

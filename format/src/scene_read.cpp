@@ -11,14 +11,16 @@
 namespace stgs {
 namespace {
 
+using N = IssueNumber;
+
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &harmonics = segment.harmonics;
     const Interval interval = interval_of(head, segment);
     out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
-                   base.bytes, segment.part, tier_of(base.layer), harmonics.offset,
-                   harmonics.bytes});
+                   base.bytes, segment.part, tier_of(base.layer), harmonics.offset, harmonics.bytes,
+                   head.has(segment)});
   }
   return out;
 }
@@ -34,10 +36,12 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
 
 class Reader final : public SceneReader {
  public:
-  Reader(std::unique_ptr<ByteSource> source, FileHead head, const ReadLimits& limits)
+  Reader(std::unique_ptr<ByteSource> source, FileHead head, std::vector<Issue> damage,
+         const ReadLimits& limits)
       : source_(std::move(source)),
         limits_(limits),
         head_(std::move(head)),
+        damage_(std::move(damage)),
         segments_(segments_from(head_)),
         parts_(parts_from(head_)) {}
 
@@ -57,6 +61,18 @@ class Reader final : public SceneReader {
     return head_.growing() ? source_->size() - head_.header.file_bytes : 0;
   }
 
+  const std::vector<Issue>& damage() const override { return damage_; }
+  std::uint64_t missing_bytes() const override {
+    return head_.header.file_bytes - std::min(head_.there, head_.header.file_bytes);
+  }
+  double complete_ticks() const override {
+    double ticks = metadata().frames;
+    for (const SegmentInfo& segment : segments_) {
+      if (!segment.there) ticks = std::min(ticks, segment.begin_ticks);
+    }
+    return ticks;
+  }
+
   Result<bool> refresh() override {
     if (head_.closed) return false;
     try {
@@ -71,6 +87,7 @@ class Reader final : public SceneReader {
       }
       const bool grown = head.header.file_bytes > head_.header.file_bytes;
       head_ = std::move(head);
+      damage_ = findings.take();
       segments_ = segments_from(head_);
       parts_ = parts_from(head_);
       return grown;
@@ -164,7 +181,16 @@ class Reader final : public SceneReader {
     }
   }
 
+  // Of bytes that lie before the file's stated end.
+  bool is_there(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
+    const std::uint64_t needed = std::min(bytes, head_.header.file_bytes - at);
+    if (at <= head_.there && needed <= head_.there - at) return true;
+    findings.error(N::kFileSize, at, "what follows the segments is cut off, the file is truncated");
+    return false;
+  }
+
   std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
+    if (!is_there(at, kRecordHeaderBytes, findings)) return {};
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head_.header.file_bytes - at));
     if (Status status = source_->read(at, bytes); !status.ok()) {
       findings.failed_read(at, status);
@@ -177,6 +203,11 @@ class Reader final : public SceneReader {
 
   void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
                    Findings& findings) const {
+    if (!is_there(at + kRecordHeaderBytes, record.length, findings)) return;
+    if (record.length > limits_.max_memory) {
+      return findings.unsupported(N::kMemoryLimit, at, "importances of {} bytes, the limit is {}",
+                                  record.length, limits_.max_memory);
+    }
     std::vector<std::uint8_t> bytes(record.length);
     if (Status status = source_->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
@@ -188,6 +219,7 @@ class Reader final : public SceneReader {
   std::unique_ptr<ByteSource> source_;
   ReadLimits limits_;
   FileHead head_;
+  std::vector<Issue> damage_;
   std::vector<SegmentInfo> segments_;
   std::vector<ScenePart> parts_;
 };
@@ -288,7 +320,7 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSourc
     read_head(*source, limits, head, findings);
     if (!findings.ok()) return findings.status(source->name());
     return std::unique_ptr<SceneReader>(
-        std::make_unique<Reader>(std::move(source), std::move(head), limits));
+        std::make_unique<Reader>(std::move(source), std::move(head), findings.take(), limits));
   } catch (const std::exception& e) {
     return runtime_error("cannot open the file: {}", e.what());
   }

@@ -39,16 +39,19 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
              });
 }
 
-// Records of the body that the index does not list, in [at, end).
+// Records of the body that the index does not list, in [at, end), as far as the file has them.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
                    std::uint64_t end, Findings& findings) {
   while (at < end) {
+    const std::uint64_t left = head.there - std::min(at, head.there);
+    if (left < std::min(end - at, kRecordHeaderBytes)) return;  // truncated: reported
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
     if (Status status = source.read(at, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
     RecordHeader record;
     if (!parse_record_header(bytes, at, end, record, findings)) return;
+    if (record.length > left - kRecordHeaderBytes) return;
     const bool fragment = head.growing() && record.tag == kFragmentTag;
     const bool segment =
         check_flags(record, record.tag == kSegmentTag || fragment, at, findings) && !fragment;
@@ -98,16 +101,16 @@ void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings)
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   for (const IndexEntry* record : records_of(head.index.segments)) {
-    walk_unlisted(source, head, at, std::min(record->offset, source.size()), findings);
+    walk_unlisted(source, head, at, record->offset, findings);
     at = record->offset + record->bytes;
   }
-  // A file that is longer or shorter than it says has been reported.
-  walk_unlisted(source, head, at, std::min(head.header.file_bytes, source.size()), findings);
+  walk_unlisted(source, head, at, head.header.file_bytes, findings);
   if (head.growing() && !head.closed) walk_tail(source, head.header.file_bytes, findings);
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
+    if (!head.has(head.index.segments[i])) continue;  // a file that is truncated: reported
     SegmentRecords records;
     Gaussians4D set;
     if (read_segment(source, head, i, true, records, findings) &&

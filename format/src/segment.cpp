@@ -139,8 +139,9 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
 bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                  const IndexEntry& entry, SegmentRecord& record, std::uint64_t& memory,
                  Findings& findings) {
-  if (entry.offset > source.size() || entry.bytes > source.size() - entry.offset) {
-    findings.error(N::kSegmentRange, entry.offset, "segment {}: {} bytes are cut off", ordinal,
+  if (!head.has(entry)) {
+    findings.error(N::kFileSize, entry.offset,
+                   "segment {}: its {} bytes are not all there, the file is truncated", ordinal,
                    entry.bytes);
     return false;
   }

@@ -63,8 +63,9 @@ void find_candidates(Held& held, float ticks) {
 
 class SegmentTimeline final : public Timeline {
  public:
-  SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name)
-      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget) {
+  SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
+                  Truncated truncated)
+      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), truncated_(truncated) {
     std::uint32_t base = 0;
     for (const SegmentInfo& segment : reader_->segments()) {
       id_base_.push_back(base);
@@ -77,6 +78,10 @@ class SegmentTimeline final : public Timeline {
   double duration_seconds() const override {
     return metadata().time_base.seconds(metadata().frames);
   }
+  const std::vector<Issue>& damage() const override { return reader_->damage(); }
+  double complete_seconds() const override {
+    return metadata().time_base.seconds(reader_->complete_ticks());
+  }
   std::uint64_t memory_bytes() const override { return bytes_; }
   std::uint64_t stored_primitives() const override { return primitives_; }
 
@@ -87,6 +92,10 @@ class SegmentTimeline final : public Timeline {
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
     auto needed = reader_->segments_between(active.ticks, active.ticks);
+    if (truncated_ == Truncated::kPassOver) {
+      const auto is_missing = [this](std::uint32_t s) { return !reader_->segments()[s].there; };
+      needed.erase(std::remove_if(needed.begin(), needed.end(), is_missing), needed.end());
+    }
     std::sort(needed.begin(), needed.end());
     ++call_;
     try {
@@ -176,6 +185,7 @@ class SegmentTimeline final : public Timeline {
   std::string name_;
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
+  Truncated truncated_ = Truncated::kRefuse;
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
   std::vector<std::uint32_t> id_base_;
   std::map<std::uint32_t, Held> held_;
@@ -184,15 +194,16 @@ class SegmentTimeline final : public Timeline {
 }  // namespace
 
 Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& path,
-                                                 std::uint64_t memory_budget) {
+                                                 std::uint64_t memory_budget, Truncated truncated) {
   STGS_ASSIGN(auto reader, SceneReader::open(path));
   return std::unique_ptr<Timeline>(
-      std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, path));
+      std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, path, truncated));
 }
 
 std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
                                          std::uint64_t memory_budget) {
-  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, "the scene");
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, "the scene",
+                                           Truncated::kRefuse);
 }
 
 }  // namespace stgs::player

@@ -49,6 +49,7 @@ class File:
     end: int = 0             # of what is complete
     growing: bool = False
     chunk: float = None
+    damage: list = field(default_factory=list)  # Refused: what is read past
 
 
 def read_header(data):
@@ -62,10 +63,12 @@ def read_header(data):
     need(minor >= 5, "2.5", f"minor version {minor}", unsupported=True)
     need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
     growing = flags & 1 == 1
-    need(file_bytes == (0 if growing else len(data)), "2.6", f"{len(data)} bytes, not {file_bytes}")
-    need(head_bytes <= len(data) or not growing, "2.6", "a growing file shorter than its head")
-    need(HEADER <= head_bytes <= len(data), "2.3", f"a head of {head_bytes} bytes")
-    return head_bytes, growing
+    need(file_bytes == 0 or not growing, "2.6", "a growing file that states its size")
+    need(len(data) <= file_bytes or growing, "2.6", f"{len(data)} bytes, not {file_bytes}")
+    need(growing or HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
+    need(head_bytes >= HEADER, "2.3", f"a head of {head_bytes} bytes")
+    need(head_bytes <= len(data), "2.6", "shorter than its head")
+    return head_bytes, len(data) if growing else file_bytes, growing
 
 
 def record_at(data, at, end):
@@ -112,7 +115,8 @@ def read_head(file, limits):
     if b"WNDW" in have:
         read_window(file, have[b"WNDW"])
     if not file.growing:
-        file.end = len(file.data)
+        if len(file.data) < file.end:
+            file.damage.append(Refused("2.6", f"truncated: {len(file.data)} bytes, not {file.end}"))
         read_index(file, Fields(have[b"INDX"], "5.2"), file.head_bytes)
     check_limits(file, limits)
 
@@ -305,14 +309,21 @@ def interval(level, slot, chunk, begin, end):  # 5.4
     return slot * half, slot * half + 2 * half
 
 
+def present(file, at, size):  # 2.6
+    need(min(at + size, file.end) <= len(file.data), "2.6", "bytes that a truncated file lacks")
+
+
 def read_importance(file):
     """Of each primitive, or None: the first IMPO record behind the last SEGM record (5.11)."""
     at = file.body_at
     while at < file.end:
+        present(file, at, RECORD)
+        length = int.from_bytes(file.data[at + 8:at + 16], "little")
         tag, flags, payload, payload_sum = record_at(file.data, at, file.end)
-        at += RECORD + len(payload)
+        at += RECORD + length
         if tag != b"IMPO" or flags != 0:
             continue
+        present(file, at - length, length)
         need(checksum(payload) == payload_sum, "3.1", "the checksum of IMPO")
         need(len(payload) == 4 * sum(tier.n for tier in file.tiers), "5.11", "the size of IMPO")
         fields = Fields(payload, "5.11")
@@ -325,6 +336,6 @@ def read_importance(file):
 
 def open_file(data, limits):
     file = File(data, limits=limits)
-    file.head_bytes, file.growing = read_header(data)
+    file.head_bytes, file.end, file.growing = read_header(data)
     read_head(file, limits)
     return file

@@ -32,6 +32,8 @@ def describe(data, limits, integers=False):
     except Refused as error:
         refuse("", error)
         return lines, refused
+    for error in file.damage:
+        refuse("damage ", error)
     for i, tier in enumerate(file.tiers):
         try:
             for attribute, (q, floats) in sorted(decode_tier(file, tier).items()):

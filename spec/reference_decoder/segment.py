@@ -7,7 +7,7 @@ import numpy as np
 import zstandard
 
 import rans
-from container import floats_bytes, known, record_at
+from container import floats_bytes, known, present, record_at
 from fields import Fields, checksum, need
 from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
 
@@ -41,6 +41,7 @@ def take(memory, count):  # conformance.md 1.5
 
 
 def open_record(file, tier, place, content, memory):  # 6.1
+    present(file, place.offset, place.size)
     memory = take(memory, place.size)
     tag, flags, payload, payload_sum = record_at(file.data, place.offset, place.offset + place.size)
     need(tag == b"SEGM" and len(payload) + 32 == place.size, "5.3", f"record {tag} of another size")

@@ -117,6 +117,55 @@ TEST_CASE("a sound file has no issues") {
   CHECK(issues_of(small_file(Profile::kQuantised, 3000, true)).empty());
 }
 
+TEST_CASE("what is there of a truncated file can be read") {
+  Scene scene = random_scene(40, 1, 30, 21);
+  scene.importance.assign(scene.gaussians.size(), 0.5f);
+  for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
+    WriteSettings settings;
+    settings.profile = profile;
+    settings.chunk_seconds = 0.2;
+    const auto encoded = encode_scene(scene, settings);
+    REQUIRE(encoded.ok());
+    const Bytes& whole = *encoded;
+    const auto sound = SceneReader::open(memory_source(whole));
+    REQUIRE(sound.ok());
+    REQUIRE((*sound)->segments().size() > 3);
+    CHECK((*sound)->damage().empty());
+    std::vector<std::vector<float>> positions;
+    for (std::uint32_t i = 0; i < (*sound)->segments().size(); ++i) {
+      positions.push_back((*sound)->decode(i)->position);
+    }
+    const std::size_t body = body_at(whole);
+    for (std::size_t size = body; size < whole.size(); ++size) {
+      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      const auto reader = SceneReader::open(memory_source(cut));
+      REQUIRE(reader.ok());
+      const auto& segments = (*reader)->segments();
+      REQUIRE(segments.size() == positions.size());
+      double complete = 30;
+      for (std::uint32_t i = 0; i < segments.size(); ++i) {
+        const SegmentInfo& s = segments[i];
+        const bool there =
+            s.offset + s.bytes <= size && s.harmonics_offset + s.harmonics_bytes <= size;
+        if (!there) complete = std::min(complete, s.begin_ticks);
+        const auto set = (*reader)->decode(i);
+        if (s.there != there || set.ok() != there) FAIL(size << " bytes, segment " << i);
+        if (there && set->position != positions[i]) FAIL("other positions at " << size);
+        if (!there && set.status().message().find("issue 106") == std::string::npos) {
+          FAIL(set.status().message());
+        }
+      }
+      if ((*reader)->damage().size() != 1 || (*reader)->damage()[0].number != 106 ||
+          (*reader)->missing_bytes() != whole.size() - size ||
+          (*reader)->complete_ticks() != complete) {
+        FAIL(size << " bytes: says otherwise");
+      }
+      if (numbers_of(issues_of(cut)) != std::set<int>{106}) FAIL(size << " bytes: other issues");
+      if (read_all(cut).code() != StatusCode::kInvalidFile) FAIL(size << " bytes: read as whole");
+    }
+  }
+}
+
 TEST_CASE("a file cut anywhere is an error") {
   for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     const Bytes whole = small_file(profile);

@@ -35,6 +35,9 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
   std::string out = path + ":\n";
   const auto reader = SceneReader::open(path, limits);
   if (!reader.ok()) return out + refusal("", reader.status());
+  for (const Issue& issue : (*reader)->damage()) {
+    out += refusal("damage ", invalid_file("{} (issue {})", issue.message, issue.number));
+  }
   for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
     const auto set = (*reader)->decode(s);
     if (!set.ok()) {

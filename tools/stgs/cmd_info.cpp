@@ -60,6 +60,7 @@ Json segments_json(const SceneReader& reader) {
                         {"end_s", base.seconds(segment.end_ticks)},
                         {"primitives", segment.primitives},
                         {"tier", segment.tier},
+                        {"there", segment.there},
                         {"offset", segment.offset},
                         {"bytes", segment.bytes},
                         {"harmonics_offset", segment.harmonics_offset},
@@ -116,6 +117,8 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"form", form_name(reader.form())},
                {"bytes", reader.file_bytes()},
                {"incomplete_bytes", reader.incomplete_bytes()},
+               {"missing_bytes", reader.missing_bytes()},
+               {"complete_s", m.time_base.seconds(reader.complete_ticks())},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -180,6 +183,15 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   if (reader.incomplete_bytes() > 0) {
     out += fmt::format("  incomplete       {} bytes after its last complete fragment\n",
                        reader.incomplete_bytes());
+  }
+  if (reader.missing_bytes() > 0) {
+    const auto there = std::count_if(reader.segments().begin(), reader.segments().end(),
+                                     [](const SegmentInfo& s) { return s.there; });
+    out += fmt::format(
+        "  truncated        {} bytes are missing; {} of {} segments are there, all up to {:.3f} "
+        "s\n",
+        reader.missing_bytes(), there, reader.segments().size(),
+        m.time_base.seconds(reader.complete_ticks()));
   }
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);

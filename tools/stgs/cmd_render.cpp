@@ -81,7 +81,12 @@ class Render final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto timeline,
-                player::Timeline::open(o_.file, static_cast<std::uint64_t>(o_.memory_mb * 1e6)));
+                player::Timeline::open(o_.file, static_cast<std::uint64_t>(o_.memory_mb * 1e6),
+                                       player::Truncated::kPassOver));
+    for (const Issue& issue : timeline->damage()) {
+      session.log(1, fmt::format("{}: {}; it is drawn as it is, whole up to {:.3f} s", o_.file,
+                                 issue.message, timeline->complete_seconds()));
+    }
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const auto cameras, find_cameras(timeline->metadata()));
     STGS_ASSIGN(const auto moments, find_moments(*timeline));

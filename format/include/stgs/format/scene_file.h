@@ -105,6 +105,7 @@ struct SegmentInfo {
   int tier = 0;
   // The harmonics above degree 0, where they can be fetched apart; else 0 bytes.
   std::uint64_t harmonics_offset = 0, harmonics_bytes = 0;
+  bool there = true;  // false: beyond the end of a file that is truncated
 };
 
 // How a file is laid out (spec 2.4).
@@ -118,6 +119,14 @@ enum class SceneForm {
 struct StreamInfo {
   std::string name;  // "position", "sh", ...
   std::uint64_t bytes = 0, raw_bytes = 0;
+};
+
+// One finding of a validation.
+struct Issue {
+  int number = 0;            // stable; listed in spec/conformance.md
+  bool error = true;         // else a warning
+  std::uint64_t offset = 0;  // byte where it was found
+  std::string message;
 };
 
 // A file opened for random access: header, metadata and index are read and checked, the rest is
@@ -143,6 +152,13 @@ class SceneReader {
   virtual SceneForm form() const = 0;
   // Bytes of a growing file after its last complete fragment: being written, or cut off.
   virtual std::uint64_t incomplete_bytes() const = 0;
+  // What open() found wrong and could read past: a file that is truncated. Segments that
+  // are there can be decoded all the same.
+  virtual const std::vector<Issue>& damage() const = 0;
+  // Bytes that a finished file has too few.
+  virtual std::uint64_t missing_bytes() const = 0;
+  // Where the first segment begins that is not there, ticks; the duration where all are.
+  virtual double complete_ticks() const = 0;
   // Looks whether a growing file has grown; true: there are new segments, after those that there
   // were, and metadata().frames has grown. What metadata(), segments() and parts() gave before is
   // void then; indices of segments are not. Not while another thread uses the reader. After an
@@ -200,13 +216,6 @@ Status write_scene(const std::string& path, const Scene& scene, const WriteSetti
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits = {});
 
-// One finding of a validation.
-struct Issue {
-  int number = 0;            // stable; listed in spec/conformance.md
-  bool error = true;         // else a warning
-  std::uint64_t offset = 0;  // byte where it was found
-  std::string message;
-};
 // Checks everything that can be checked: structure, checksums, limits, values. Goes on after the
 // first finding where the damage allows. An empty list means valid. The error is for a file that
 // cannot be read at all, or needs what this build lacks (kNotBuilt).

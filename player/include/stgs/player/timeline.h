@@ -13,13 +13,20 @@ namespace stgs::player {
 
 inline constexpr std::uint64_t kDefaultMemoryBudget = std::uint64_t{4} << 30;  // bytes
 
+// What to do at a moment of which a truncated file lacks segments.
+enum class Truncated {
+  kRefuse,    // an error
+  kPassOver,  // only those that are there are alive
+};
+
 // Decodes the segments that a moment needs and keeps them within a memory budget: those needed
 // least recently go first. Not thread-safe; decodes missing segments in parallel (TBB).
 class Timeline {
  public:
   // `memory_budget` bounds the bytes of decoded segments, see memory_bytes().
   static Result<std::unique_ptr<Timeline>> open(const std::string& path,
-                                                std::uint64_t memory_budget = kDefaultMemoryBudget);
+                                                std::uint64_t memory_budget = kDefaultMemoryBudget,
+                                                Truncated truncated = Truncated::kRefuse);
   // The same over a reader that is already open.
   static std::unique_ptr<Timeline> over(std::unique_ptr<SceneReader> reader,
                                         std::uint64_t memory_budget = kDefaultMemoryBudget);
@@ -29,6 +36,10 @@ class Timeline {
   virtual const std::string& name() const = 0;
   virtual const SceneMetadata& metadata() const = 0;
   virtual double duration_seconds() const = 0;
+  // What was wrong with the file when it was opened, and could be read past.
+  virtual const std::vector<Issue>& damage() const = 0;
+  // Up to which moment nothing of the file is missing.
+  virtual double complete_seconds() const = 0;
 
   // The decoded segments alive at a moment.
   struct Active {
