@@ -153,6 +153,12 @@ bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> pay
 void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings);
 bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                     FileMetadata& metadata, Findings& findings);
+// One of the FRAG records that the index was read from.
+struct FragmentEntry {
+  std::uint64_t offset = 0, bytes = 0;  // of the whole record
+  std::size_t first_part = 0;           // of the parts that it lists
+  std::vector<AttributeBytes> before;   // the totals of those before it
+};
 // Header, metadata, layouts, parts and index of a file.
 struct FileHead {
   ReadLimits limits;  // that it was read under
@@ -164,6 +170,8 @@ struct FileHead {
   bool closed = true;             // nothing more will be appended
   std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
   std::uint64_t there = 0;        // bytes of the file that there are
+  std::uint64_t head_checksum = 0;
+  std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
 
   bool has(const IndexEntry& entry) const {
     return entry.offset <= there && entry.bytes <= there - entry.offset;
@@ -191,15 +199,17 @@ void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& l
 struct FragmentHeader {
   std::uint32_t frames = 0, flags = 0;
   float bounds_min[3] = {0, 0, 0}, bounds_max[3] = {0, 0, 0};
+  std::uint64_t offset = 0;    // its own
+  std::uint64_t head = 0;      // checksum of the file's head
   std::uint64_t previous = 0;  // offset of the record before what this one lists; 0: there is none
+  std::uint64_t before = 0;    // offset of the record before this one; 0: there is none
 };
 // A FRAG record; `index` is what write_index() gives.
 std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
                                          std::span<const std::uint8_t> index);
 // The index of a growing file whose head is read, as far as it is complete; header.file_bytes is
 // then where that ends.
-bool read_fragments(const ByteSource& source, const ReadLimits& limits, FileHead& head,
-                    Findings& findings);
+bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings);
 // That the window lies in its capture (spec 4.5).
 void check_window(const SceneMetadata& metadata, Findings& findings);
 // The moments at which a segment's primitives are drawn: its interval within its part's.

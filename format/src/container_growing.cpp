@@ -2,6 +2,7 @@
 // Files that grow: the index in fragments (spec 5.12).
 #include <algorithm>
 #include <limits>
+#include <optional>
 
 #include "bytes.h"
 #include "container.h"
@@ -11,8 +12,9 @@ namespace {
 
 using N = IssueNumber;
 
-// Beside the index: frames, flags, bounds, previous; at the end the length again.
-constexpr std::uint64_t kFixedBytes = 4 + 4 + 6 * 4 + 8, kLengthBytes = 8;
+// Beside the index: frames, flags, bounds, offset, head, previous, before; at the end the length.
+constexpr std::uint64_t kFixedBytes = 4 + 4 + 6 * 4 + 4 * 8, kLengthBytes = 8;
+constexpr std::uint64_t kFirstWindow = 64 << 10, kLargestWindow = 4 << 20;  // of a search, bytes
 
 struct Fragment {
   std::uint64_t offset = 0;  // of its record
@@ -20,112 +22,182 @@ struct Fragment {
   FragmentHeader header;
   std::vector<std::uint8_t> payload;
 };
+using Found = std::optional<Fragment>;
 
-// Whether a record lies at `offset` whole; the header is that of a record either way where `sound`.
-struct Probe {
-  RecordHeader header;
-  bool sound = false, whole = false;
-};
-Result<Probe> probe_record(const ByteSource& source, std::uint64_t offset) {
-  Probe probe;
-  const std::uint64_t size = source.size();
-  if (offset > size || size - offset < kRecordHeaderBytes) return probe;
-  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-  STGS_TRY(source.read(offset, bytes));
-  Findings ignored;  // what is found depends on whether the end of the file is complete
-  probe.sound = parse_record_header(bytes, offset, std::numeric_limits<std::uint64_t>::max(),
-                                    probe.header, ignored);
-  probe.whole = probe.sound && probe.header.length <= size - offset - kRecordHeaderBytes;
-  return probe;
+bool is_fragment(const RecordHeader& header) {
+  return header.tag == kFragmentTag && header.flags == kCritical &&
+         header.length >= kFixedBytes + kLengthBytes;
 }
 
-bool is_fragment(const Probe& probe) {
-  return probe.whole && probe.header.tag == kFragmentTag && probe.header.flags == kCritical &&
-         probe.header.length >= kFixedBytes + kLengthBytes;
-}
+// Finds sound fragments in the body of a file (spec 5.12).
+class Fragments {
+ public:
+  Fragments(const ByteSource& source, const FileHead& head)
+      : source_(source),
+        body_at_(head.header.head_bytes),
+        head_checksum_(head.head_checksum),
+        limit_(head.limits.max_memory),
+        work_(2 * source.size() + kLargestWindow) {}
 
-// The fragment at `offset`, or nothing where there is none that is sound.
-Result<std::optional<Fragment>> read_fragment(const ByteSource& source, std::uint64_t offset,
-                                              const ReadLimits& limits) {
-  STGS_ASSIGN(const Probe probe, probe_record(source, offset));
-  if (!is_fragment(probe)) return std::optional<Fragment>();
-  if (probe.header.length > limits.max_memory) {
-    return unsupported("a fragment of the index has {} bytes, more than the limit of {}",
-                       probe.header.length, limits.max_memory);
-  }
-  Fragment fragment;
-  fragment.offset = offset;
-  fragment.end = offset + kRecordHeaderBytes + probe.header.length;
-  fragment.payload.resize(probe.header.length);
-  STGS_TRY(source.read(offset + kRecordHeaderBytes, fragment.payload));
-  if (checksum(fragment.payload) != probe.header.checksum) return std::optional<Fragment>();
-  ByteReader in(fragment.payload);
-  FragmentHeader& header = fragment.header;
-  header.frames = in.u32();
-  header.flags = in.u32();
-  for (float& v : header.bounds_min) v = in.f32();
-  for (float& v : header.bounds_max) v = in.f32();
-  header.previous = in.u64();
-  return std::optional<Fragment>(std::move(fragment));
-}
-
-// A complete file ends with its last fragment, whose length stands in its last bytes.
-Result<std::optional<Fragment>> fragment_at_end(const ByteSource& source, std::uint64_t body_at,
-                                                const ReadLimits& limits) {
-  const std::uint64_t size = source.size(), least = kRecordHeaderBytes + kLengthBytes;
-  if (size < least || size - least < body_at) return std::optional<Fragment>();
-  std::vector<std::uint8_t> bytes(kLengthBytes);
-  STGS_TRY(source.read(size - kLengthBytes, bytes));
-  const std::uint64_t length = ByteReader(bytes).u64();
-  if (length > size - body_at - kRecordHeaderBytes) return std::optional<Fragment>();
-  return read_fragment(source, size - kRecordHeaderBytes - length, limits);
-}
-
-// The last sound one of those that can be reached record by record.
-Result<std::optional<Fragment>> fragment_by_walk(const ByteSource& source, std::uint64_t from,
-                                                 const ReadLimits& limits) {
-  std::vector<std::uint64_t> offsets;
-  for (std::uint64_t at = from;;) {
-    STGS_ASSIGN(const Probe probe, probe_record(source, at));
-    if (!probe.whole) break;
-    if (is_fragment(probe)) offsets.push_back(at);
-    at += kRecordHeaderBytes + probe.header.length;
-  }
-  for (; !offsets.empty(); offsets.pop_back()) {
-    STGS_ASSIGN(std::optional<Fragment> found, read_fragment(source, offsets.back(), limits));
+  // The last complete one: that at the end of the file, or else the sound one that begins last.
+  Result<Found> last() {
+    STGS_ASSIGN(Found found, at_end());
     if (found) return found;
+    return last_before(source_.size());
   }
-  return std::optional<Fragment>();
-}
 
-// The fragments that list all parts up to `last`, the earliest first.
-bool chain_of(const ByteSource& source, Fragment last, std::uint64_t body_at,
-              const ReadLimits& limits, std::vector<Fragment>& chain, Findings& findings) {
+  // That of record `offset`, if its bytes are right; it ends at `end` or earlier.
+  Result<Found> at(std::uint64_t offset, std::uint64_t end) {
+    STGS_ASSIGN(const auto record, record_at(offset, end));
+    if (!record || !is_fragment(*record)) return Found();
+    if (record->length > limit_) {
+      return unsupported("a fragment of the index has {} bytes, more than the limit of {}",
+                         record->length, limit_);
+    }
+    if (record->length > work_) {
+      return invalid_file("too many records look like fragments of the index and are none");
+    }
+    work_ -= record->length;
+    Fragment fragment;
+    fragment.offset = offset;
+    fragment.end = offset + kRecordHeaderBytes + record->length;
+    fragment.payload.resize(record->length);
+    STGS_TRY(source_.read(offset + kRecordHeaderBytes, fragment.payload));
+    if (checksum(fragment.payload) != record->checksum) return Found();
+    read_header(fragment);
+    const bool own = fragment.header.offset == offset && fragment.header.head == head_checksum_;
+    return own ? Found(std::move(fragment)) : Found();
+  }
+
+  // The sound one that begins last of those that end at `end` or earlier: looks through ever larger
+  // pieces of the file from there back.
+  Result<Found> last_before(std::uint64_t end) {
+    std::vector<std::uint8_t> bytes;
+    std::uint64_t window = kFirstWindow;
+    for (std::uint64_t high = end; high > body_at_;) {
+      const std::uint64_t low = high - std::min(high - body_at_, window);
+      // With what a header that begins before `high` may have behind it.
+      bytes.resize(std::min(end, high + kRecordHeaderBytes - 1) - low);
+      STGS_TRY(source_.read(low, bytes));
+      for (std::uint64_t at = high; at-- > low;) {
+        if (!looks_like_one(std::span(bytes).subspan(at - low))) continue;
+        STGS_ASSIGN(Found found, sound_at(at, end));
+        if (found) return found;
+      }
+      high = low;
+      window = std::min(2 * window, kLargestWindow);
+    }
+    return Found();
+  }
+
+ private:
+  // A record that lies whole before `end`, with a right header.
+  Result<std::optional<RecordHeader>> record_at(std::uint64_t offset, std::uint64_t end) const {
+    std::optional<RecordHeader> none;
+    if (offset < body_at_ || offset > end || end - offset < kRecordHeaderBytes) return none;
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    STGS_TRY(source_.read(offset, bytes));
+    Findings ignored;  // whatever is wrong: there is no such record
+    RecordHeader header;
+    if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
+    return std::optional(header);
+  }
+
+  static bool looks_like_one(std::span<const std::uint8_t> bytes) {
+    RecordHeader header;
+    Findings ignored;
+    return bytes.size() >= kRecordHeaderBytes && ByteReader(bytes).u32() == kFragmentTag &&
+           parse_record_header(bytes, 0, std::numeric_limits<std::uint64_t>::max(), header,
+                               ignored) &&
+           is_fragment(header);
+  }
+
+  static void read_header(Fragment& fragment) {
+    ByteReader in(fragment.payload);
+    FragmentHeader& header = fragment.header;
+    header.frames = in.u32();
+    header.flags = in.u32();
+    for (float& v : header.bounds_min) v = in.f32();
+    for (float& v : header.bounds_max) v = in.f32();
+    header.offset = in.u64();
+    header.head = in.u64();
+    header.previous = in.u64();
+    header.before = in.u64();
+  }
+
+  // A complete file ends with its last fragment, whose length stands in its last bytes.
+  Result<Found> at_end() {
+    const std::uint64_t size = source_.size(), least = kRecordHeaderBytes + kLengthBytes;
+    if (size < least || size - least < body_at_) return Found();
+    std::vector<std::uint8_t> bytes(kLengthBytes);
+    STGS_TRY(source_.read(size - kLengthBytes, bytes));
+    const std::uint64_t length = ByteReader(bytes).u64();
+    if (length > size - body_at_ - kRecordHeaderBytes) return Found();
+    return sound_at(size - kRecordHeaderBytes - length, size);
+  }
+
+  Result<Found> sound_at(std::uint64_t offset, std::uint64_t end) {
+    STGS_ASSIGN(Found found, at(offset, end));
+    if (!found) return found;
+    STGS_ASSIGN(const bool reached, is_reached(*found));
+    return reached ? std::move(found) : Found();
+  }
+
+  // Whether the records from the fragment before on lead to the first of its segments or to itself:
+  // what lies within another record is no fragment.
+  Result<bool> is_reached(const Fragment& fragment) {
+    std::uint64_t at = body_at_;
+    if (fragment.header.before != 0) {
+      STGS_ASSIGN(const auto before, record_at(fragment.header.before, fragment.offset));
+      if (!before || !is_fragment(*before)) return false;
+      at = fragment.header.before + kRecordHeaderBytes + before->length;
+    }
+    while (at != fragment.offset) {
+      STGS_ASSIGN(const auto record, record_at(at, fragment.offset));
+      if (!record || work_ < kRecordHeaderBytes) return false;
+      if (record->tag == kSegmentTag && record->flags == kCritical) return true;
+      work_ -= kRecordHeaderBytes;
+      at += kRecordHeaderBytes + record->length;
+    }
+    return true;
+  }
+
+  const ByteSource& source_;
+  std::uint64_t body_at_ = 0, head_checksum_ = 0, limit_ = 0;
+  std::uint64_t work_ = 0;  // bytes that may still be read for what may be none
+};
+
+// The fragments that list all parts up to `last`, the earliest first. What a damaged one lists is
+// lost, if none behind it lists it too.
+bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
+              std::vector<Fragment>& chain, Findings& findings) {
   std::uint64_t bytes = 0;
   chain.push_back(std::move(last));
   while (chain.back().header.previous != 0) {
     bytes += chain.back().payload.size();
     const std::uint64_t previous = chain.back().header.previous;
-    if (previous < body_at || previous >= chain.back().offset) {
+    if (previous < head.header.head_bytes || previous >= chain.back().offset) {
       findings.error(N::kFragment, chain.back().offset,
                      "a fragment of the index follows one at byte {}, which cannot be", previous);
       return false;
     }
-    if (bytes > limits.max_memory) {
+    if (bytes > head.limits.max_memory) {
       findings.unsupported(N::kMemoryLimit, previous,
-                           "the index has more bytes than the limit of {}", limits.max_memory);
+                           "the index has more bytes than the limit of {}", head.limits.max_memory);
       return false;
     }
-    Result<std::optional<Fragment>> fragment = read_fragment(source, previous, limits);
-    if (!fragment.ok()) {
-      findings.failed_read(previous, fragment.status());
+    Result<Found> found = fragments.at(previous, chain.back().offset);
+    if (found.ok() && !*found) {
+      findings.damage(N::kFragment, previous,
+                      "a fragment of the index is damaged; what it alone lists is lost");
+      found = fragments.last_before(previous);
+    }
+    if (!found.ok()) {
+      findings.failed_read(previous, found.status());
       return false;
     }
-    if (!*fragment) {
-      findings.error(N::kFragment, previous, "a fragment of the index is damaged or is none");
-      return false;
-    }
-    chain.push_back(std::move(**fragment));
+    if (!*found) break;
+    chain.push_back(std::move(**found));
   }
   std::reverse(chain.begin(), chain.end());
   return true;
@@ -159,17 +231,19 @@ std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
   out.u32(header.flags);
   for (float v : header.bounds_min) out.f32(v);
   for (float v : header.bounds_max) out.f32(v);
+  out.u64(header.offset);
+  out.u64(header.head);
   out.u64(header.previous);
+  out.u64(header.before);
   out.bytes(index);
   out.u64(out.size() + kLengthBytes);
   return write_record(kFragmentTag, out.view());
 }
 
-bool read_fragments(const ByteSource& source, const ReadLimits& limits, FileHead& head,
-                    Findings& findings) {
+bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings) {
   const std::uint64_t body_at = head.header.head_bytes;
-  Result<std::optional<Fragment>> last = fragment_at_end(source, body_at, limits);
-  if (last.ok() && !*last) last = fragment_by_walk(source, body_at, limits);
+  Fragments fragments(source, head);
+  Result<std::optional<Fragment>> last = fragments.last();
   if (!last.ok()) {
     findings.failed_read(body_at, last.status());
     return false;
@@ -191,10 +265,12 @@ bool read_fragments(const ByteSource& source, const ReadLimits& limits, FileHead
                    source.size(), head.header.file_bytes);
   }
   std::vector<Fragment> chain;
-  if (!chain_of(source, std::move(**last), body_at, limits, chain, findings)) return false;
+  if (!chain_of(fragments, std::move(**last), head, chain, findings)) return false;
   head.index_bytes = body_at;
   for (const Fragment& fragment : chain) {
     head.index_bytes += fragment.end - fragment.offset;
+    head.fragments.push_back({fragment.offset, fragment.end - fragment.offset, head.parts.size(),
+                              head.index.attributes});
     const std::span<const std::uint8_t> payload(fragment.payload);
     const std::uint64_t base = fragment.header.previous;
     const RecordArea area = {base != 0 ? base : body_at, fragment.offset};
@@ -203,7 +279,7 @@ bool read_fragments(const ByteSource& source, const ReadLimits& limits, FileHead
       return false;
     }
   }
-  check_index(head, chain.back().offset, limits, findings);
+  check_index(head, chain.back().offset, head.limits, findings);
   return true;
 }
 

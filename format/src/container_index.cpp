@@ -124,14 +124,15 @@ class IndexReader {
     PartEntry part;
     part.begin = in_.f64();
     part.end = in_.f64();
-    const std::uint64_t skip = in_.varint(), segments = in_.varint();
+    part.skip = in_.varint();
+    const std::uint64_t segments = in_.varint();
     if (!in_.ok()) return cut_off();
     if (!(part.begin >= 0.0 && part.begin < part.end && part.end <= head_.metadata.scene.frames)) {
       findings_.error(N::kParts, at, "index: part {} lasts from {} to {} of {} frames",
                       head_.parts.size(), part.begin, part.end, head_.metadata.scene.frames);
       return false;
     }
-    if (!advance(skip, at)) return false;
+    if (!advance(part.skip, at)) return false;
     head_.parts.push_back(part);
     Places places;
     const std::size_t first = ordinal();

@@ -358,7 +358,8 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& hea
   head.index_bytes = head.header.head_bytes;
   if (head.growing()) {
     head.closed = false;
-    if (!read_fragments(source, limits, head, findings)) return false;
+    head.head_checksum = checksum(bytes);
+    if (!read_fragments(source, head, findings)) return false;
   }
   check_window(head.metadata.scene, findings);
   if (!head.growing() && head.there < head.header.file_bytes) report_truncation(head, findings);

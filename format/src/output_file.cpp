@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <signal.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -143,6 +144,21 @@ Status AppendedFile::create(const std::string& path) {
   path_ = path;
   fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
   if (fd_ < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
+  (void)::flock(fd_, LOCK_EX | LOCK_NB);  // nobody else can have it
+  return {};
+}
+
+Status AppendedFile::extend(const std::string& path, std::uint64_t bytes) {
+  path_ = path;
+  fd_ = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, system_message(errno));
+  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    return usage_error("{}: another recorder is appending to it", path);
+  }
+  if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) {
+    return io_error("{}: cannot cut to {} bytes: {}", path, bytes, system_message(errno));
+  }
+  bytes_ = bytes;
   return {};
 }
 

@@ -43,6 +43,48 @@ std::vector<std::uint8_t> index_of(std::span<const Stretch> stretches, double ch
   return write_index(index, parts);
 }
 
+// The bytes of each attribute in `all` beyond those in `before`.
+std::vector<AttributeBytes> totals_beyond(const std::vector<AttributeBytes>& all,
+                                          const std::vector<AttributeBytes>& before) {
+  std::vector<AttributeBytes> out = all;
+  for (AttributeBytes& row : out) {
+    for (const AttributeBytes& other : before) {
+      if (other.attribute == row.attribute) row.bytes -= other.bytes;
+    }
+  }
+  return out;
+}
+
+// What a recorder knew when it had written these complete fragments. Of attributes it is enough
+// to know what each fragment of the index lists: a later one lists several of them, or none.
+std::vector<Stretch> stretches_of(const FileHead& head) {
+  std::vector<Stretch> out(head.parts.size());
+  for (std::size_t p = 0; p < out.size(); ++p) out[p].part = head.parts[p];
+  for (SegmentEntry segment : head.index.segments) {
+    Stretch& stretch = out[segment.part];
+    stretch.primitives += segment.base.primitives;
+    stretch.segments.push_back(std::move(segment));
+  }
+  std::uint64_t at = head.header.head_bytes;
+  for (std::size_t p = 0; p < out.size(); ++p) {
+    at += out[p].part.skip;
+    for (const IndexEntry* record : records_of(out[p].segments)) at += record->bytes;
+    out[p].fragment = at;
+    out[p].fragment_bytes = p + 1 < out.size() ? out[p + 1].part.skip : 0;
+  }
+  const std::vector<FragmentEntry>& fragments = head.fragments;
+  out.back().fragment_bytes = fragments.back().bytes;
+  for (std::size_t f = 0; f < fragments.size(); ++f) {
+    const auto& all = f + 1 < fragments.size() ? fragments[f + 1].before : head.index.attributes;
+    out[fragments[f].first_part].attributes = totals_beyond(all, fragments[f].before);
+  }
+  for (Stretch& stretch : out) {
+    if (stretch.attributes.empty())
+      stretch.attributes = totals_beyond(head.index.attributes, head.index.attributes);
+  }
+  return out;
+}
+
 class Recorder final : public SceneRecorder {
  public:
   Recorder(const FileMetadata& metadata, const RecordSettings& settings)
@@ -57,8 +99,21 @@ class Recorder final : public SceneRecorder {
     header.head_bytes = kHeaderBytes + records.size();
     std::vector<std::uint8_t> head = write_header(header);
     head.insert(head.end(), records.begin(), records.end());
+    head_checksum_ = checksum(head);
     STGS_TRY(file_.create(path));
     return append_bytes(head);
+  }
+
+  // Goes on with a file whose complete fragments are `head`; what follows them is cut off.
+  Status resume(const std::string& path, const FileHead& head) {
+    head_checksum_ = head.head_checksum;
+    if (!head.fragments.empty()) {
+      frames_ = head.metadata.scene.frames;
+      chunk_ticks_ = head.index.chunk_ticks;
+      has_bounds_ = head.index.primitives > 0;
+      stretches_ = stretches_of(head);
+    }
+    return file_.extend(path, head.header.file_bytes);
   }
 
   Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
@@ -87,9 +142,10 @@ class Recorder final : public SceneRecorder {
   Status close() override {
     STGS_TRY(check_open());
     open_ = false;
-    FragmentHeader header = fragment_header();
+    FragmentHeader header = fragment_header(file_.bytes());
     header.flags = kFragmentClosed;
     if (frames_ == 0) header.frames = 1;  // nothing was appended
+    if (!stretches_.empty()) header.before = stretches_.back().fragment;
     STGS_TRY(append_bytes(write_fragment(header, index_of(stretches_, chunk_or_one()))));
     return file_.close();
   }
@@ -145,11 +201,12 @@ class Recorder final : public SceneRecorder {
     // of n are found in log2(n) fragments.
     const std::size_t count = std::size_t{1} << std::countr_zero(stretches_.size());
     const std::size_t first = stretches_.size() - count;
-    FragmentHeader header = fragment_header();
+    stretches_.back().fragment = file_.bytes() + bytes.size();
+    FragmentHeader header = fragment_header(stretches_.back().fragment);
+    if (stretches_.size() > 1) header.before = stretches_[stretches_.size() - 2].fragment;
     if (first > 0) header.previous = stretches_[first - 1].fragment;
     const std::vector<std::uint8_t> fragment =
         write_fragment(header, index_of(std::span(stretches_).subspan(first), chunk_ticks_));
-    stretches_.back().fragment = file_.bytes() + bytes.size();
     stretches_.back().fragment_bytes = fragment.size();
     add(fragment);
     return append_bytes(bytes);
@@ -171,9 +228,12 @@ class Recorder final : public SceneRecorder {
     has_bounds_ = true;
   }
 
-  FragmentHeader fragment_header() const {
+  // Of a FRAG record at `offset`.
+  FragmentHeader fragment_header(std::uint64_t offset) const {
     FragmentHeader header;
     header.frames = frames_;
+    header.offset = offset;
+    header.head = head_checksum_;
     std::copy_n(metadata_.scene.bounds_min, 3, header.bounds_min);
     std::copy_n(metadata_.scene.bounds_max, 3, header.bounds_max);
     return header;
@@ -186,6 +246,7 @@ class Recorder final : public SceneRecorder {
   RecordSettings settings_;
   double chunk_ticks_ = metadata_.scene.time_base.ticks(settings_.write.chunk_seconds);  // 0: open
   std::vector<Stretch> stretches_;
+  std::uint64_t head_checksum_ = 0;
   std::uint32_t frames_ = 0;
   bool has_bounds_ = false;
   bool open_ = true;
@@ -205,25 +266,87 @@ bool copy_record(const ByteSource& source, const IndexEntry& entry,
                        entry.offset + kRecordHeaderBytes, findings);
 }
 
-// A power cut can leave the last fragment without all bytes of its records: takes its part away.
+// Whether all bytes of the last fragment's own records are there, as a power cut can leave them
+// not.
+bool last_stretch_is_whole(const ByteSource& source, const FileHead& head) {
+  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
+  Findings found;
+  std::vector<std::uint8_t> bytes;
+  for (const SegmentEntry& segment : head.index.segments) {
+    if (segment.part != last) continue;
+    for (const IndexEntry* entry : {&segment.base, &segment.harmonics}) {
+      if (entry->bytes > 0) copy_record(source, *entry, bytes, found);
+    }
+  }
+  return found.ok();
+}
+
+// Takes the part of a last fragment away that is not whole.
 void drop_torn_end(const ByteSource& source, FileHead& head) {
-  if (head.closed || head.parts.size() < 2) return;
+  if (head.closed || head.parts.size() < 2 || last_stretch_is_whole(source, head)) return;
   const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
   std::vector<SegmentEntry>& segments = head.index.segments;
   const auto first = std::find_if(segments.begin(), segments.end(),
                                   [last](const SegmentEntry& s) { return s.part == last; });
-  Findings found;
-  std::vector<std::uint8_t> bytes;
-  for (auto s = first; s != segments.end(); ++s) {
-    for (const IndexEntry* entry : {&s->base, &s->harmonics}) {
-      if (entry->bytes > 0) copy_record(source, *entry, bytes, found);
-    }
-  }
-  if (found.ok()) return;
   for (auto s = first; s != segments.end(); ++s) head.index.primitives -= s->base.primitives;
   segments.erase(first, segments.end());
   head.parts.pop_back();
   head.metadata.scene.frames = static_cast<std::uint32_t>(head.parts.back().end);
+}
+
+// The first bytes of a source.
+class Beginning final : public ByteSource {
+ public:
+  Beginning(const ByteSource& whole, std::uint64_t size) : whole_(whole), size_(size) {}
+  std::uint64_t size() const override { return size_; }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    return whole_.read(offset, out);
+  }
+  const std::string& name() const override { return whole_.name(); }
+
+ private:
+  const ByteSource& whole_;
+  std::uint64_t size_ = 0;
+};
+
+// Whether every stretch is one part with its fragment behind it, as a Recorder lays them out.
+bool is_ours(const ByteSource& source, const FileHead& head) {
+  const auto none = [&head](const FragmentEntry& f) { return f.first_part >= head.parts.size(); };
+  if (std::any_of(head.fragments.begin(), head.fragments.end(), none)) return false;
+  for (const Stretch& stretch : stretches_of(head)) {
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (!source.read(stretch.fragment, bytes).ok()) return false;
+    Findings found;
+    RecordHeader record;
+    if (!parse_record_header(bytes, stretch.fragment, source.size(), record, found)) return false;
+    if (record.tag != kFragmentTag) return false;
+  }
+  return true;
+}
+
+// What is complete of a recording that is to be gone on with.
+Result<FileHead> read_resumable(const ByteSource& source) {
+  for (std::uint64_t size = source.size();;) {
+    const Beginning beginning(source, size);
+    Findings findings;
+    FileHead head;
+    read_head(beginning, {}, head, findings);
+    if (!findings.ok()) return findings.status(source.name());
+    if (!head.growing() || head.closed) {
+      return usage_error("{}: is finished; nothing can be appended to it", source.name());
+    }
+    if (!findings.take().empty()) {
+      return invalid_file("{}: a fragment of its index is damaged; 'stgs finalize' keeps the rest",
+                          source.name());
+    }
+    if (head.fragments.empty()) return head;
+    if (!is_ours(source, head)) {
+      return unsupported("{}: is laid out otherwise than this recorder does; 'stgs finalize' it",
+                         source.name());
+    }
+    if (last_stretch_is_whole(source, head)) return head;
+    size = head.fragments.back().offset;  // a power cut: without this fragment
+  }
 }
 
 Status finalize(const ByteSource& source, const std::string& output) {
@@ -273,6 +396,24 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
   auto recorder = std::make_unique<Recorder>(head, settings);
   STGS_TRY(recorder->create(path));
   return std::unique_ptr<SceneRecorder>(std::move(recorder));
+}
+
+Result<std::unique_ptr<SceneRecorder>> SceneRecorder::resume(const std::string& path,
+                                                             const RecordSettings& settings) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  try {
+    STGS_ASSIGN(const FileHead head, read_resumable(*source));
+    if (head.metadata.profile != settings.write.profile) {
+      return usage_error("{}: was recorded with profile {}, not {}", path,
+                         profile_name(head.metadata.profile), profile_name(settings.write.profile));
+    }
+    STGS_TRY(check_profile(settings.write.profile));
+    auto recorder = std::make_unique<Recorder>(head.metadata, settings);
+    STGS_TRY(recorder->resume(path, head));
+    return std::unique_ptr<SceneRecorder>(std::move(recorder));
+  } catch (const std::exception& e) {
+    return runtime_error("{}: {}", path, e.what());
+  }
 }
 
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output) {

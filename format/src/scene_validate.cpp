@@ -97,13 +97,28 @@ void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings)
   }
 }
 
+// Behind the segments of a stretch stands its fragment: other records come before them (spec 5.12).
+void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at, std::uint64_t end,
+               Findings& findings) {
+  if (!head.growing() || at == head.header.head_bytes || end - at < kRecordHeaderBytes) return;
+  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+  if (Status status = source.read(at, bytes); !status.ok()) return findings.failed_read(at, status);
+  Findings ignored;  // what is wrong with the header is found by the walk
+  RecordHeader record;
+  if (!parse_record_header(bytes, at, end, record, ignored) || record.tag == kFragmentTag) return;
+  findings.error(N::kFragment, at, "a record '{}' between a stretch's segments and its fragment",
+                 tag_text(record.tag));
+}
+
 // What no record of the index covers, and the index's records in between.
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   for (const IndexEntry* record : records_of(head.index.segments)) {
+    check_gap(source, head, at, record->offset, findings);
     walk_unlisted(source, head, at, record->offset, findings);
     at = record->offset + record->bytes;
   }
+  check_gap(source, head, at, head.header.file_bytes, findings);
   walk_unlisted(source, head, at, head.header.file_bytes, findings);
   if (head.growing() && !head.closed) walk_tail(source, head.header.file_bytes, findings);
 }

@@ -165,61 +165,91 @@ def read_window(file, payload):  # 4.5
     need(first + file.frames <= whole, "4.5", "the window does not lie in its capture")
 
 
-def fragment_at(data, at):
-    """The payload of the FRAG record at `at`, or None where there is no sound one (5.12)."""
+class Fragment:
+    """The FRAG record at `at`, if its bytes are right; it must end at `end` or before (5.12)."""
+
+    def __init__(self, file, at, end):
+        need(at >= file.head_bytes, "5.12", f"a fragment at byte {at}")
+        tag, flags, payload, payload_sum = record_at(file.data, at, end)
+        need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", f"no fragment at byte {at}")
+        need(checksum(payload) == payload_sum, "5.12", f"the checksum of the fragment at byte {at}")
+        self.at, self.end = at, at + RECORD + len(payload)
+        self.index = Fields(payload[:-8], "5.12")
+        self.frames, self.flags = self.index.u32(), self.index.u32()
+        self.bounds = [self.index.f32() for _ in range(6)]
+        own, head = self.index.u64(), self.index.u64()
+        self.previous, self.before = self.index.u64(), self.index.u64()
+        need(own == at and head == checksum(file.data[:file.head_bytes]), "5.12",
+             f"the fragment at byte {at} is another place's or file's")
+
+
+def sound_fragment(file, at, end):
+    """The fragment at `at`, or None where none stands that the one before it leads to."""
     try:
-        tag, flags, payload, payload_sum = record_at(data, at, len(data))
+        found = Fragment(file, at, end)
+        at = file.head_bytes
+        if found.before != 0:
+            need(found.before >= file.head_bytes, "5.12", "a fragment in the head")
+            tag, flags, payload, _ = record_at(file.data, found.before, found.at)
+            need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", "not a fragment")
+            at = found.before + RECORD + len(payload)
+        while at != found.at:
+            tag, flags, payload, _ = record_at(file.data, at, found.at)
+            if (tag, flags) == (b"SEGM", 1):
+                break
+            at += RECORD + len(payload)
+        return found
     except Refused:
         return None
-    sound = (tag, flags) == (b"FRAG", 1) and len(payload) >= 48 and checksum(payload) == payload_sum
-    return payload if sound else None
+
+
+def last_before(file, end):
+    """The sound fragment that begins last of those that end at `end` or before, or None."""
+    at = end
+    while (at := file.data.rfind(b"FRAG", file.head_bytes, at)) >= 0:
+        found = sound_fragment(file, at, end)
+        if found:
+            return found
+        at += 3  # rfind's end: what begins before this one
+    return None
 
 
 def last_fragment(file):
-    """Where the last complete fragment begins, or None (5.12)."""
     data = file.data
     if len(data) >= file.head_bytes + RECORD + 8:
         at = len(data) - RECORD - int.from_bytes(data[-8:], "little")
-        if at >= file.head_bytes and fragment_at(data, at) is not None:
-            return at
-    found, at = None, file.head_bytes
-    while True:
-        try:
-            _, _, payload, _ = record_at(data, at, len(data))
-        except Refused:
+        found = sound_fragment(file, at, len(data)) if at >= file.head_bytes else None
+        if found:
             return found
-        if fragment_at(data, at) is not None:
-            found = at
-        at += RECORD + len(payload)
+    return last_before(file, len(data))
 
 
 def read_fragments(file):  # 5.12
-    at = last_fragment(file)
+    last = last_fragment(file)
     file.end = file.body_at = file.head_bytes
-    if at is None:
+    if last is None:
         return
-    file.end = at + RECORD + len(fragment_at(file.data, at))
-    chain = []
-    while at != 0:
-        need(file.head_bytes <= at, "5.12", f"a fragment at byte {at}")
-        payload = fragment_at(file.data, at)
-        need(payload is not None, "5.12", f"no sound fragment at byte {at}")
-        fields = Fields(payload[:-8], "5.12")
-        frames, flags = fields.u32(), fields.u32()
-        bounds = [fields.f32() for _ in range(6)]
-        previous = fields.u64()
-        need(previous < at, "5.12", f"a fragment at byte {at} follows one at byte {previous}")
-        if not chain:
-            need(flags & ~1 == 0, "5.12", f"a fragment's flags {flags}", unsupported=True)
-            need(frames > 0, "5.12", "a file of no frames")
-            need(all(map(math.isfinite, bounds)) and all(map(le, bounds[:3], bounds[3:])), "4.3",
-                 "the bounds")
-            need(flags == 0 or file.end == len(file.data), "5.12", "bytes after a closed fragment")
-            file.frames = frames
-        chain.insert(0, (at, previous, fields))
-        at = previous
-    for at, previous, fields in chain:
-        read_index(file, fields, previous or file.head_bytes, at)
+    file.end = last.end
+    need(last.flags & ~1 == 0, "5.12", f"a fragment's flags {last.flags}", unsupported=True)
+    need(last.frames > 0, "5.12", "a file of no frames")
+    need(all(map(math.isfinite, last.bounds)) and all(map(le, last.bounds[:3], last.bounds[3:])),
+         "4.3", "the bounds")
+    need(last.flags == 0 or file.end == len(file.data), "5.12", "bytes after a closed fragment")
+    file.frames = last.frames
+    chain = [last]
+    while chain[0].previous != 0:
+        at = chain[0].previous
+        need(file.head_bytes <= at < chain[0].at, "5.12", f"a fragment follows one at byte {at}")
+        try:
+            found = Fragment(file, at, chain[0].at)
+        except Refused:
+            file.damage.append(Refused("5.12", f"the fragment at byte {at} is damaged"))
+            found = last_before(file, at)
+            if found is None:
+                break
+        chain.insert(0, found)
+    for found in chain:
+        read_index(file, found.index, found.previous or file.head_bytes, found.at)
 
 
 def read_index(file, fields, at, end=None):  # 5.2

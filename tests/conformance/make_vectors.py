@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
                          layouts_payload, record, table_bytes, zstd_frame)
-from vector_growing import Fragment, growing
+from vector_growing import Fragment, fragment, growing
 from vector_scenes import coded_streams, deltas, float_streams, give_tables, own_body
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -226,6 +226,36 @@ def sound_growing():
         vector(name, "5.12", "cut off: read up to the last complete stretch", whole[:size])
 
 
+    # A record whose payload holds a fragment: right but for where it stands.
+    less, part = growing(stretches(2)), stretches(3)[2]
+    third = whole[whole.rindex(b"FRAG"):]
+    at = len(less) + 32 + 8
+    for name, about, said in (
+            ("forged_fragment", "a fragment within an unknown record leads nowhere", {}),
+            ("forged_fragment_of_segments", "as before, as if segments came before it",
+             {"skip": len(less) - less.rindex(b"FRAG")})):
+        forged = forged_fragment(less, at, part, **said)
+        vector(name, "5.12", about, less + record(b"NOTE", b"8 bytes." + forged, 0))
+    vector("foreign_fragment", "5.12", "another file's fragment within an unknown record",
+           less + record(b"NOTE", third, 0))
+    noted = stretches(3)
+    for i, part in enumerate(noted):
+        part.before = record(b"POSE", bytes([i] * 9), 0)
+    vector("growing_with_further_records", "5.12", "a record of another kind before each stretch's",
+           growing(noted) + record(b"POSE", b"\3" * 9, 0))
+    vector("growing_cut_before_a_stretch", "5.12", "cut off behind such a record",
+           growing(noted)[:len(growing(noted[:2])) + 41 + 5])
+
+
+def forged_fragment(less, at, part, skip=None):
+    """A FRAG record for byte `at`, after the recording `less`: of no records, or of a skip."""
+    before = less.rindex(b"FRAG")
+    head_bytes = struct.unpack_from("<Q", less, 24)[0]
+    empty = Part([], part.begin, part.end)
+    return fragment([empty], part.end, Fragment(), [at - before if skip is None else skip], at,
+                    checksum(less[:head_bytes]), before, before)
+
+
 def broken_growing():
     whole = growing(stretches(3))
     must_fail("growing_states_its_size", "2.6", "file_bytes in a growing file",
@@ -250,8 +280,13 @@ def broken_growing():
               growing(stretches(2), [Fragment(), Fragment(previous=len(growing([])))]))
     must_fail("fragment_chunk", "5.12", "two chunks in one file",
               growing(stretches(3), [Fragment(), Fragment(), Fragment(chunk=7.0)]))
-    must_fail("fragment_in_the_way", "5.12", "a fragment of the chain is damaged",
+    must_fail("fragment_in_the_way", "5.12", "a fragment of the chain is damaged: its stretch is lost",
               with_byte(whole, len(growing(stretches(2))) - 30))
+    eleven = growing(stretches(11))
+    must_fail("fragment_damaged", "5.12", "one of many: ten of eleven stretches are read",
+              with_byte(eleven, len(growing(stretches(10))) - 30))
+    must_fail("fragment_header_damaged", "5.12", "its record header: 13 of 14 stretches are read",
+              with_byte(growing(stretches(14)), growing(stretches(12)).rindex(b"FRAG") + 1))
 
 
 def broken_header():

@@ -12,6 +12,9 @@ class Fragment:
     frames: int = None
     flags: int = 0
     previous: int = None
+    before: int = None
+    offset: int = None
+    head: int = None
     bounds: tuple = (-10.0, -10.0, -10.0, 10.0, 10.0, 10.0)
     length: int = 0          # added to the payload's length at its end
     chunk: float = 5.0
@@ -23,23 +26,26 @@ def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_las
     head = record(b"META", meta.payload()) + head_last
     out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", 0, 5, flags, file_bytes, 40 + len(head))
     out += struct.pack("<Q", checksum(out)) + head
-    offsets, sizes = [], []
+    offsets, sizes, head_sum = [], [], checksum(out)
     for i, part in enumerate(parts, 1):
         out += File([part]).body()
         first = i & (i - 1)  # lists as many as the greatest power of two in i
         said = fragments[i - 1] if fragments else Fragment()
         offsets.append(len(out))
-        out += fragment(parts[first:i], part.end, offsets[first - 1] if first else 0, said,
-                        sizes[first - 1:] if first else [0] + sizes)
+        out += fragment(parts[first:i], part.end, said, (sizes[first - 1:] if first else [0] + sizes),
+                        len(out), head_sum, offsets[first - 1] if first else 0, ([0] + offsets)[-2])
         sizes.append(len(out) - offsets[-1])
     if closed:
-        out += fragment(parts, parts[-1].end, 0, closed, [0] + sizes)
+        out += fragment(parts, parts[-1].end, closed, [0] + sizes, len(out), head_sum, 0, offsets[-1])
     return out + tail
 
 
-def fragment(parts, end, previous, said, skips):
-    listed = [replace(part, skip=skip) for part, skip in zip(parts, skips)]
-    payload = struct.pack("<II6fQ", int(end) if said.frames is None else said.frames, said.flags,
-                          *said.bounds, previous if said.previous is None else said.previous)
+def fragment(parts, end, said, skips, offset, head_sum, previous, before):
+    listed = [replace(part, skip=skip + len(part.before)) for part, skip in zip(parts, skips)]
+    payload = struct.pack("<II6f", int(end) if said.frames is None else said.frames, said.flags,
+                          *said.bounds)
+    for own, value in ((said.offset, offset), (said.head, head_sum), (said.previous, previous),
+                       (said.before, before)):
+        payload += struct.pack("<Q", value if own is None else own)
     payload += File(listed, chunk=said.chunk).index_payload()
     return record(b"FRAG", payload + struct.pack("<Q", len(payload) + 8 + said.length))

@@ -51,7 +51,7 @@ class OutputFile {
 // OutputFile in one go: afterwards `path` is either the old file or the whole new one.
 Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
-// A new file that is only appended to and can be read meanwhile. One thread at a time.
+// A file that is only appended to, by one writer, and can be read meanwhile. One thread at a time.
 class AppendedFile {
  public:
   AppendedFile() = default;
@@ -61,6 +61,8 @@ class AppendedFile {
 
   // The file must not exist.
   Status create(const std::string& path);
+  // Opens a file that exists and cuts it to its first `bytes`. kUsage where another has it open so.
+  Status extend(const std::string& path, std::uint64_t bytes);
   // `sync`: returns when the bytes are on the disk. After an error the file is cut to what it had
   // before, where that is possible.
   Status append(std::span<const std::uint8_t> bytes, bool sync);

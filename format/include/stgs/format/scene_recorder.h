@@ -31,6 +31,13 @@ class SceneRecorder {
   static Result<std::unique_ptr<SceneRecorder>> create(const std::string& path,
                                                        const SceneMetadata& metadata, int sh_degree,
                                                        const RecordSettings& settings = {});
+  // Goes on with a recording that was not closed, after a kill or a power cut: what follows its
+  // last complete stretch is cut off, and appending goes on from frames(). Of the settings the
+  // profile must be the file's; the chunk is the file's once it has a stretch. kUsage where the
+  // file is finished or closed, or another recorder has it; kInvalidFile where it is damaged
+  // (finalize_scene keeps the rest of it).
+  static Result<std::unique_ptr<SceneRecorder>> resume(const std::string& path,
+                                                       const RecordSettings& settings = {});
   virtual ~SceneRecorder() = default;
 
   // The primitives that are drawn from frames() to `end_frame`, which is greater; times count from
