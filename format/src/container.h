@@ -204,6 +204,8 @@ struct FragmentHeader {
   std::uint64_t previous = 0;  // offset of the record before what this one lists; 0: there is none
   std::uint64_t before = 0;    // offset of the record before this one; 0: there is none
 };
+// The flags of a FRAG record at `offset`; `last`: it is the last of the file.
+bool check_fragment_flags(std::uint32_t flags, bool last, std::uint64_t offset, Findings& findings);
 // A FRAG record; `index` is what write_index() gives.
 std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
                                          std::span<const std::uint8_t> index);

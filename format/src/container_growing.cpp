@@ -203,13 +203,10 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
   return true;
 }
 
+// The last fragment's.
 bool check_header(const Fragment& fragment, FileHead& head, Findings& findings) {
   const FragmentHeader& header = fragment.header;
-  if ((header.flags & ~kFragmentClosed) != 0) {
-    findings.unsupported(N::kUnknownCritical, fragment.offset,
-                         "a fragment of flags {:#x}, unknown to this version", header.flags);
-    return false;
-  }
+  if (!check_fragment_flags(header.flags, true, fragment.offset, findings)) return false;
   SceneMetadata& scene = head.metadata.scene;
   scene.frames = header.frames;
   std::copy_n(header.bounds_min, 3, scene.bounds_min);
@@ -238,6 +235,18 @@ std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
   out.bytes(index);
   out.u64(out.size() + kLengthBytes);
   return write_record(kFragmentTag, out.view());
+}
+
+bool check_fragment_flags(std::uint32_t flags, bool last, std::uint64_t offset,
+                          Findings& findings) {
+  if ((flags & ~kFragmentClosed) != 0) {
+    findings.unsupported(N::kUnknownCritical, offset,
+                         "a fragment of flags {:#x}, unknown to this version", flags);
+    return false;
+  }
+  if (last || flags == 0) return true;
+  findings.error(N::kFragment, offset, "a closed fragment that others follow");
+  return false;
 }
 
 bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings) {
@@ -271,6 +280,10 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
     head.index_bytes += fragment.end - fragment.offset;
     head.fragments.push_back({fragment.offset, fragment.end - fragment.offset, head.parts.size(),
                               head.index.attributes});
+    const bool is_last = &fragment == &chain.back();
+    if (!check_fragment_flags(fragment.header.flags, is_last, fragment.offset, findings)) {
+      return false;
+    }
     const std::span<const std::uint8_t> payload(fragment.payload);
     const std::uint64_t base = fragment.header.previous;
     const RecordArea area = {base != 0 ? base : body_at, fragment.offset};

@@ -60,6 +60,7 @@ enum class IssueNumber : int {
   kStreamChecksum = 406,      // decoded bytes differ
   kStreamValue = 407,         // an integer outside what the mapping allows
   kLayouts = 409,             // cut off, a table that is none, a number of none of them
+  kProfile = 410,             // a mapping or coder that the profile does not have
   kNotFinite = 500,           // a decoded value is not finite
   kSigma = 501,               // sigma <= 0
   kRadius = 502,              // radius < 0

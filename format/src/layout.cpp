@@ -178,6 +178,10 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, L
     if (set.only.back() < 0) rans_lookup(*table, set.lookups.back());
   }
   const std::size_t layouts = in.u16();
+  if (layouts > kMaxLayouts) {
+    findings.error(N::kLayouts, offset, "layouts: {}, more than {}", layouts, kMaxLayouts);
+    return false;
+  }
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
     if (!read_layout(in, offset, set, layout, findings)) break;

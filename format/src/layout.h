@@ -15,6 +15,7 @@ namespace stgs {
 inline constexpr std::size_t kMaxTables = 1024;
 // What a table takes once it can be looked up (conformance 1.5).
 inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
+inline constexpr std::size_t kMaxLayouts = 65534;
 inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // a record has its layout in itself
 
 struct Layout {

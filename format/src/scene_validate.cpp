@@ -4,6 +4,7 @@
 #include <exception>
 #include <limits>
 
+#include "bytes.h"
 #include "segment.h"
 #include "segmenter.h"
 #include "values.h"
@@ -60,6 +61,10 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
       return findings.failed_read(at, status);
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    if (intact && fragment && bytes.size() >= 8) {
+      const bool last = at + kRecordHeaderBytes + record.length == head.header.file_bytes;
+      check_fragment_flags(ByteReader(std::span(bytes).subspan(4)).u32(), last, at, findings);
+    }
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
     }
@@ -100,12 +105,19 @@ void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings)
 // Behind the segments of a stretch stands its fragment: other records come before them (spec 5.12).
 void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at, std::uint64_t end,
                Findings& findings) {
-  if (!head.growing() || at == head.header.head_bytes || end - at < kRecordHeaderBytes) return;
-  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-  if (Status status = source.read(at, bytes); !status.ok()) return findings.failed_read(at, status);
-  Findings ignored;  // what is wrong with the header is found by the walk
+  if (!head.growing() || at == head.header.head_bytes) return;
   RecordHeader record;
-  if (!parse_record_header(bytes, at, end, record, ignored) || record.tag == kFragmentTag) return;
+  do {  // further records of the segments are theirs
+    if (end - at < kRecordHeaderBytes) return;
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    Findings ignored;  // what is wrong with the header is found by the walk
+    if (!parse_record_header(bytes, at, end, record, ignored)) return;
+    at += kRecordHeaderBytes + record.length;
+  } while (record.tag == kSegmentTag);
+  if (record.tag == kFragmentTag) return;
   findings.error(N::kFragment, at, "a record '{}' between a stretch's segments and its fragment",
                  tag_text(record.tag));
 }

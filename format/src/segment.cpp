@@ -61,6 +61,25 @@ bool is_partial(const Layout& layout, int sh_degree) {
   return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
 }
 
+// That a layout is one of the file's profile (spec 8.1), as far as this version knows it.
+bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordinal,
+                      std::uint64_t offset, Findings& findings) {
+  for (const StreamRow& row : layout.streams) {
+    if (!is_known(row)) continue;
+    const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
+    const bool mapped = static_cast<Mapping>(row.mapping) != Mapping::kFloat;
+    const bool fits = profile == Profile::kLossless    ? !mapped && !draco
+                      : profile == Profile::kQuantised ? !draco
+                                                       : true;
+    if (fits) continue;
+    findings.error(N::kProfile, offset, "segment {}, {}: mapping {} with coder {} in a {} file",
+                   ordinal, name_of(static_cast<Attribute>(row.attribute)), row.mapping, row.coder,
+                   profile_name(profile));
+    return false;
+  }
+  return true;
+}
+
 // Planes that are decoded: those that no table knows without any bytes.
 std::size_t varying_planes(const Layout& layout, const LayoutSet& set) {
   std::size_t count = 0;
@@ -116,6 +135,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   const Layout& layout = layouts[record.layout];
   if (!check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
                         findings) ||
+      !check_profile_of(layout, head.metadata.profile, ordinal, record.payload_at, findings) ||
       !take_memory(
           varying_planes(layout, record.set(head.layouts)) * std::uint64_t{expected.primitives},
           head, ordinal, record.payload_at, memory, findings)) {

@@ -42,6 +42,7 @@ class File:
     head_bytes: int = 0
     frames: int = 0
     degree: int = 0
+    profile: int = 0
     layouts: object = field(default_factory=layouts.Layouts)
     tiers: list = field(default_factory=list)
     limits: Limits = None
@@ -126,7 +127,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
     fields.u8()  # the unit: it only informs, as the profile does
     conventions = [fields.u8() for _ in range(3)]
-    fields.u16()
+    file.profile = fields.u16()
     file.degree = fields.u16()
     background = [fields.f32() for _ in range(3)]
     least, greatest = [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
@@ -249,6 +250,8 @@ def read_fragments(file):  # 5.12
                 break
         chain.insert(0, found)
     for found in chain:
+        need(found.flags & ~1 == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
+        need(found.flags == 0 or found is last, "5.12", "a fragment follows a closed one")
         read_index(file, found.index, found.previous or file.head_bytes, found.at)
 
 
@@ -293,6 +296,7 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
     begin, end = fields.f64(), fields.f64()
     need(0 <= begin < end <= file.frames, "5.3", f"a part of [{begin}, {end})")
     at += fields.number()
+    need(at <= body_end, "5.3", "a skip beyond the body")
     last_slot, last_order = {}, None
     for _ in range(count_of(fields, "5.3")):
         place, shape = fields.number(), fields.number()

@@ -61,6 +61,10 @@ def open_record(file, tier, place, content, memory):  # 6.1
     need(number < len(layouts.layouts), "6.1", f"layout {number} is not there")
     layout = layouts.layouts[number]
     partial = check_attributes(layout, content, file.degree)
+    for s in layout:  # 8.1
+        if not s.optional():
+            need(s.mapping == 0 or file.profile != 0, "8.1", "a mapping in a lossless file")
+            need(s.coder != DRACO or file.profile not in (0, 1), "8.1", "Draco in another profile")
     for s in layout:
         some = [t for t in s.tables if layouts.tables[t].only is None]
         memory = take(memory, tier.n * (len(some) if s.coder == RANS else s.planes() * (not s.optional())))

@@ -77,7 +77,7 @@ def main():
     rng = random.Random(int(sys.argv[3]) if len(sys.argv) > 3 else 1)
     with open(MANIFEST, encoding="utf-8") as file:
         names = [entry["name"] for entry in json.load(file)["vectors"]
-                 if "refused" not in entry and entry["bytes"] < 4000]
+                 if "refused" not in entry and "reported" not in entry and entry["bytes"] < 4000]
     sound = []
     for name in names:
         with open(os.path.join(HERE, "vectors", name + ".stgs"), "rb") as file:

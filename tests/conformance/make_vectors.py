@@ -29,11 +29,12 @@ class Vector:
     data: bytes
     limits: dict    # of the reader, where they are not the default ones
     fails: bool
+    reported: list  # issues of a validator, where readers do not see what is wrong
 
 
-def vector(name, clause, about, file, limits=None, fails=False):
+def vector(name, clause, about, file, limits=None, fails=False, reported=()):
     data = file if isinstance(file, bytes) else file.bytes()
-    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails))
+    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails, list(reported)))
 
 
 def must_fail(name, clause, about, file, limits=None):
@@ -43,7 +44,8 @@ def must_fail(name, clause, about, file, limits=None):
 def plain(n=3, degree=0, seed=1, **more):
     """One persistent segment of floats."""
     body = more.pop("body", None) or Body(float_streams(n, degree, seed), n)
-    meta = more.pop("meta", None) or Meta(profile=0, degree=degree)
+    floats = all(s.mapping == 0 for s in body.streams if s.attribute < 0x8000)
+    meta = more.pop("meta", None) or Meta(profile=int(not floats), degree=degree)
     return File([Part([Segment(-1, 0, [body])])], meta, **more)
 
 
@@ -62,9 +64,9 @@ def changed(attribute, n=3, degree=0, **fields):
     return plain(body=Body(streams, n), degree=degree)
 
 
-def replaced(stream, n=3, **body):
+def replaced(stream, n=3, meta=None, **body):
     streams = [stream if s.attribute == stream.attribute else s for s in float_streams(n, 0, 1)]
-    return plain(body=own_body(streams, n, **body))
+    return plain(body=own_body(streams, n, **body), meta=meta)
 
 
 def framed(planes, window=None, size=True, dictionary=0, reserved=0):
@@ -287,6 +289,70 @@ def broken_growing():
               with_byte(eleven, len(growing(stretches(10))) - 30))
     must_fail("fragment_header_damaged", "5.12", "its record header: 13 of 14 stretches are read",
               with_byte(growing(stretches(14)), growing(stretches(12)).rindex(b"FRAG") + 1))
+
+
+def broken_rules():
+    """One for each must that the others do not break."""
+    def one(level, slot, **more):
+        return Segment(level, slot, [Body(float_streams(1, 0, 3), 1)], **more)
+
+    must_fail("lossless_mapping", "8.1", "mapping 1 in a lossless file",
+              replaced(Stream(8, 1, -2, [[0, 1, 2]]), meta=Meta(profile=0)))
+    draco = Stream(1, 1, 0, [[0] * 3] * 3, 0, 2, (8, 8, 8), stored=b"DRACO")
+    must_fail("draco_in_another_profile", "8.1", "coder 2 in a quantised file", replaced(draco))
+    for tag, payload in ((b"LAYT", struct.pack("<HH", 0, 0)), (b"WNDW", struct.pack("<IIQQ", 0, 99, 1, 2)),
+                         (b"INDX", File([]).index_payload())):
+        twice = record(tag, payload, int(tag != b"WNDW"))
+        must_fail(f"two_{tag.decode().lower()}", "2.3", f"{tag.decode()} twice",
+                  plain(head_last=twice if tag == b"INDX" else twice + twice))
+    must_fail("window_critical", "3.4", "WNDW with flags 1",
+              plain(head_last=record(b"WNDW", struct.pack("<IIQQ", 0, 99, 1, 2))))
+    must_fail("window_short", "4.5", "WNDW of 23 bytes", plain(head_last=record(b"WNDW", bytes(23), 0)))
+    must_fail("bounds_inverted", "4.3", "the least above the greatest", plain(meta=Meta(
+        profile=0, least=(1, 0, 0), greatest=(0, 0, 0))))
+    for name, about, more in (("camera_size", "a start camera of 32769 pixels", dict(size=(32769, 4))),
+                              ("camera_focal_length", "fx = 0", dict(lens=(0, 1, 0, 0)))):
+        must_fail(name, "4.3", about, plain(meta=Meta(profile=0, **{"size": (4, 4), "lens": (1, 1, 0, 0),
+                                                                    **more})))
+    must_fail("totals_1025", "5.2", "1025 attribute totals", plain(totals=((1, 1),) * 1025))
+    must_fail("total_of_attribute_65536", "5.2", "an attribute beyond 16 bits",
+              plain(totals=((65536, 1),)))
+    must_fail("slot_beyond_32_bits", "5.3", "slot 2^32", File(
+        [Part([one(0, 0, raw_place=32 * (1 << 32) + 1)])], Meta(profile=0)))
+    must_fail("tiers_257", "5.3", "257 tiers", plain(index=struct.pack("<d", 5.0) + b"\1\0\1" +
+              struct.pack("<dd", 0, 30) + b"\0\1\0" + b"\x80\x08" + b"\1\1" * 257))
+    must_fail("further_record_of_content_1", "5.3", "layer 256 among the further records",
+              File([Part([one(-1, 0, further=[(256, b"")])])], Meta(profile=0)))
+    must_fail("tables_1025", "6.2", "1025 tables",
+              plain(layouts=struct.pack("<H", 1025) + bytes(1025) + struct.pack("<H", 0)))
+    must_fail("layouts_65535", "6.2", "65535 layouts",
+              plain(layouts=struct.pack("<HH", 0, 65535)))
+    alike = float_streams(3, 3, 1)
+    for s in alike:
+        s.v = [[0x01010101, 0x02020202, 0x03030303] for _ in s.v]
+        s.coder, s.tables = RANS, [0] * (4 * len(s.v))
+    must_fail("group_of_260_planes", "A.1", "more than 256", plain(degree=3, body=Body(
+        alike, 3, tables=[{1: 1024, 2: 1024, 3: 2048}], group=b"")))
+    must_fail("body_of_no_records", "3.3", "five bytes behind the last segment", plain(tail=b"bytes"))
+    must_fail("fragment_skips_its_own", "5.3", "records that do not lie before their fragment",
+              growing([Part([], 0, 10, skip=1 << 20)], keep_skips=True))
+    must_fail("fragment_after_a_closed_one", "5.12", "of those that the index is read from",
+              growing(stretches(3), [Fragment(), Fragment(flags=1), Fragment()]))
+    vector("closed_fragment_before_others", "5.12", "one that the index is not read from",
+           growing(stretches(3), [Fragment(flags=1), Fragment(), Fragment()]), reported=[313])
+    vector("fragment_flags_before_others", "5.12", "an unknown flag of one that is not read",
+           growing(stretches(3), [Fragment(flags=2), Fragment(), Fragment()]), reported=[113])
+    between = stretches(2)
+    between[1].after = record(b"NOTE", b"", 0)
+    vector("record_before_a_fragment", "5.12", "an unknown record behind the segments of a stretch",
+           growing(between), reported=[313])
+    for tag in (b"NEWS", b"FRAG", b"IMPO"):
+        vector(f"critical_{tag.decode().lower()}_in_the_body", "3.4", "a critical record behind the segments",
+               plain(tail=record(tag, bytes(12))), reported=[113])
+    late = float_streams(1, 0, 3, 0, 5)
+    late[1].v[0] = [bits_of(25.0)]
+    vector("seen_outside_its_segment", "5.8", "a primitive of moment 25 in [0, 5)",
+           File([Part([Segment(0, 0, [Body(late, 1)])])], Meta(profile=0)), reported=[504])
 
 
 def broken_header():
@@ -566,7 +632,7 @@ class Patched(Body):
         return super().payload(level, layer, slot).replace(self.old, self.new, 1)
 
 
-for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing,
+for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing, broken_rules,
              broken_header, broken_head, broken_index,
              broken_segment, broken_streams, broken_rans):
     make()
@@ -594,6 +660,8 @@ def main():
         lines, refused = describe(v.data, Limits(**v.limits))
         entry = {"name": v.name, "clause": v.clause, "about": v.about, "bytes": len(v.data),
                  "file": f"{checksum(v.data):016x}"}
+        if v.reported:
+            entry["reported"] = v.reported
         if v.limits:
             entry["limits"] = v.limits
         decoded = "".join(line + "\n" for line in lines if "refused" not in line)

@@ -264,6 +264,7 @@ class Part:
     begin: float = 0.0
     end: float = 30.0
     before: bytes = b""     # records between the part before and this one
+    after: bytes = b""      # records behind this part's
     skip: int = None        # what the index says instead of their size
 
 
@@ -304,8 +305,8 @@ class File:
 
     def body(self):
         return b"".join(p.before + b"".join(record(b"SEGM", payload, s.flags)
-                                            for s in p.segments for payload in s.payloads())
-                        for p in self.parts) + self.tail
+                                            for s in p.segments for payload in s.payloads()) +
+                        p.after for p in self.parts) + self.tail
 
     def bytes(self):
         payloads = {b"META": self.meta.payload(), b"LAYT": self.layouts,

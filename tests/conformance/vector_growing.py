@@ -20,7 +20,8 @@ class Fragment:
     chunk: float = 5.0
 
 
-def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1):
+def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1,
+            keep_skips=False):
     """A recording of these parts, a FRAG record behind each; the last one of all where closed."""
     meta = Meta(profile=0, frames=1)
     head = record(b"META", meta.payload()) + head_last
@@ -33,15 +34,16 @@ def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_las
         said = fragments[i - 1] if fragments else Fragment()
         offsets.append(len(out))
         out += fragment(parts[first:i], part.end, said, (sizes[first - 1:] if first else [0] + sizes),
-                        len(out), head_sum, offsets[first - 1] if first else 0, ([0] + offsets)[-2])
+                        len(out), head_sum, offsets[first - 1] if first else 0, ([0] + offsets)[-2],
+                        keep_skips)
         sizes.append(len(out) - offsets[-1])
     if closed:
         out += fragment(parts, parts[-1].end, closed, [0] + sizes, len(out), head_sum, 0, offsets[-1])
     return out + tail
 
 
-def fragment(parts, end, said, skips, offset, head_sum, previous, before):
-    listed = [replace(part, skip=skip + len(part.before)) for part, skip in zip(parts, skips)]
+def fragment(parts, end, said, skips, offset, head_sum, previous, before, keep_skips=False):
+    listed = parts if keep_skips else [replace(part, skip=skip + len(part.before)) for part, skip in zip(parts, skips)]
     payload = struct.pack("<II6f", int(end) if said.frames is None else said.frames, said.flags,
                           *said.bounds)
     for own, value in ((said.offset, offset), (said.head, head_sum), (said.previous, previous),
