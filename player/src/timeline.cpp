@@ -11,6 +11,7 @@
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/parallel.h"
+#include "stgs/player/source.h"
 
 namespace stgs::player {
 namespace {
@@ -193,17 +194,17 @@ class SegmentTimeline final : public Timeline {
 
 }  // namespace
 
-Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& path,
+Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& place,
                                                  std::uint64_t memory_budget, Truncated truncated) {
-  STGS_ASSIGN(auto reader, SceneReader::open(path));
-  return std::unique_ptr<Timeline>(
-      std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, path, truncated));
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place));
+  STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
+  return over(std::move(reader), place, memory_budget, truncated);
 }
 
 std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
-                                         std::uint64_t memory_budget) {
-  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, "the scene",
-                                           Truncated::kRefuse);
+                                         const std::string& name, std::uint64_t memory_budget,
+                                         Truncated truncated) {
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, truncated);
 }
 
 }  // namespace stgs::player

@@ -26,7 +26,7 @@ std::unique_ptr<Timeline> timeline_over(const Scene& scene,
                                         std::uint64_t budget = kDefaultMemoryBudget) {
   auto reader = SceneReader::open(memory_source(bytes_of(scene)));
   REQUIRE(reader.ok());
-  return Timeline::over(std::move(*reader), budget);
+  return Timeline::over(std::move(*reader), "the scene", budget);
 }
 
 math::PinholeCamera camera_of(float width, float height) {
@@ -83,7 +83,7 @@ TEST_CASE("a timeline gives exactly what is alive at a moment") {
 // Pictures of a scene whose times count from `begin`, ticks of a second, at moments between frames.
 std::vector<std::vector<float>> pictures_from(std::uint32_t begin,
                                               std::unique_ptr<SceneReader> reader) {
-  auto timeline = Timeline::over(std::move(reader), kDefaultMemoryBudget);
+  auto timeline = Timeline::over(std::move(reader));
   auto renderer = make_renderer("cpu");
   REQUIRE(renderer.ok());
   std::vector<std::vector<float>> out;

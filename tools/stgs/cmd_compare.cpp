@@ -6,6 +6,7 @@
 #include "command.h"
 #include "options.h"
 #include "picture.h"
+#include "place.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/player/renderer.h"
 
@@ -43,7 +44,7 @@ class Compare final : public Command {
     return {.progress = true, .backend = "What draws", .threads = true};
   }
   void declare(CLI::App& app) override {
-    app.add_option("A", a_, "A picture or a .stgs file")->required();
+    app.add_option("A", a_, "A picture, or a .stgs file or its URL")->required();
     app.add_option("B", b_, "Another of its kind")->required();
     app.add_option("--min-psnr", min_psnr_, "dB; exit code 7 below it")
         ->check(number_between(0, encoder::kPsnrMax));
@@ -78,16 +79,16 @@ class Compare final : public Command {
   }
 
   Status compare_scenes(Session& session) {
-    STGS_ASSIGN(auto first, SceneReader::open(a_));
-    STGS_ASSIGN(auto second, SceneReader::open(b_));
+    STGS_ASSIGN(auto first, open_scene(session, a_));
+    STGS_ASSIGN(auto second, open_scene(session, b_));
     Json json = {{"a", a_},
                  {"b", b_},
                  {"kind", "scenes"},
                  {"primitives", {first->primitives(), second->primitives()}},
                  {"bytes", {first->file_bytes(), second->file_bytes()}},
                  {"moments", moments_}};
-    const auto a = player::Timeline::over(std::move(first));
-    const auto b = player::Timeline::over(std::move(second));
+    const auto a = player::Timeline::over(std::move(first), a_);
+    const auto b = player::Timeline::over(std::move(second), b_);
     if (std::abs(a->duration_seconds() - b->duration_seconds()) > kSameDuration) {
       return {StatusCode::kDiffers, fmt::format("{} lasts {} s, {} lasts {} s", a_,
                                                 a->duration_seconds(), b_, b->duration_seconds())};

@@ -8,6 +8,7 @@
 #include "moving.h"
 #include "options.h"
 #include "picture.h"
+#include "place.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/image_drift.h"
@@ -124,7 +125,7 @@ class Evaluate final : public Command {
     return {.progress = true, .backend = "What draws", .threads = true};
   }
   void declare(CLI::App& app) override {
-    app.add_option("FILE", file_, "The .stgs file")->required();
+    app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--against", folder_, "Prepared capture")->required();
     app.add_option("--cameras", which_, "test, train, all, or names with commas")
         ->capture_default_str();
@@ -134,7 +135,8 @@ class Evaluate final : public Command {
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(auto timeline, player::Timeline::open(file_));
+    STGS_ASSIGN(auto reader, open_scene(session, file_));
+    const auto timeline = player::Timeline::over(std::move(reader), file_);
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
     STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), file_));
     STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), file_));
@@ -142,7 +144,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
-    STGS_TRY(look_from_training_cameras());
+    STGS_TRY(look_from_training_cameras(session));
     return report(session);
   }
 
@@ -200,8 +202,8 @@ class Evaluate final : public Command {
     return {};
   }
 
-  Status look_from_training_cameras() {
-    STGS_ASSIGN(const Scene scene, read_scene(file_));
+  Status look_from_training_cameras(Session& session) {
+    STGS_ASSIGN(const Scene scene, read_place(session, file_));
     std::vector<math::PinholeCamera> training;
     for (const encoder::Camera& camera : capture_.cameras) {
       if (!camera.test) training.push_back(camera.pinhole(scene.metadata.near_plane));

@@ -5,6 +5,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "place.h"
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/scene_statistics.h"
@@ -311,15 +312,15 @@ class Info final : public Command {
   }
   Shared shared() const override { return {}; }
   void declare(CLI::App& app) override {
-    app.add_option("FILE", path_, "The .stgs file")->required();
+    app.add_option("FILE", path_, "The .stgs file, or its URL")->required();
     app.add_flag("--lifespans", lifespans_, "Lifespans, speeds, and the share that is static");
   }
   Status run(Session& session) override {
-    STGS_ASSIGN(const auto reader, SceneReader::open(path_));
+    STGS_ASSIGN(const auto reader, open_scene(session, path_));
     Json json = to_json(*reader, path_);
     std::string text = to_text(*reader, path_);
     if (lifespans_) {
-      STGS_ASSIGN(const Scene scene, read_scene(path_));
+      STGS_ASSIGN(const Scene scene, read_place(session, path_));
       const SceneStatistics statistics = scene_statistics(scene);
       json["motion"] = to_json(statistics);
       text += to_text(statistics);

@@ -8,6 +8,7 @@
 #include "command.h"
 #include "options.h"
 #include "picture_sink.h"
+#include "place.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/player/renderer.h"
 
@@ -54,7 +55,7 @@ class Render final : public Command {
     return {.progress = true, .log_level = true, .backend = "What draws", .threads = true};
   }
   void declare(CLI::App& app) override {
-    app.add_option("FILE", o_.file, "The .stgs file")->required();
+    app.add_option("FILE", o_.file, "The .stgs file, or its URL")->required();
     auto* camera = app.add_option("--camera", o_.camera, "Camera file (JSON); see below");
     auto* cameras =
         app.add_option("--cameras", o_.cameras, "Prepared capture whose cameras are used")
@@ -80,9 +81,10 @@ class Render final : public Command {
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(auto timeline,
-                player::Timeline::open(o_.file, static_cast<std::uint64_t>(o_.memory_mb * 1e6),
-                                       player::Truncated::kPassOver));
+    STGS_ASSIGN(auto reader, open_scene(session, o_.file));
+    const auto timeline = player::Timeline::over(std::move(reader), o_.file,
+                                                 static_cast<std::uint64_t>(o_.memory_mb * 1e6),
+                                                 player::Truncated::kPassOver);
     for (const Issue& issue : timeline->damage()) {
       session.log(1, fmt::format("{}: {}; it is drawn as it is, whole up to {:.3f} s", o_.file,
                                  issue.message, timeline->complete_seconds()));

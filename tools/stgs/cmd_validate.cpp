@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 
 #include "command.h"
+#include "place.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::tools {
@@ -19,10 +20,10 @@ struct Verdict {
   bool valid() const { return unreadable.ok() && errors() == 0; }
 };
 
-Verdict judge(const std::string& path) {
+Verdict judge(Session& session, const std::string& path) {
   Verdict verdict;
   verdict.path = path;
-  auto source = open_file(path);
+  auto source = open_place(session, path);
   if (!source.ok()) {
     verdict.unreadable = source.status();
     return verdict;
@@ -82,13 +83,13 @@ class Validate final : public Command {
   }
   Shared shared() const override { return {.threads = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("FILE", paths_, "The .stgs files")->required();
+    app.add_option("FILE", paths_, "The .stgs files, or their URLs")->required();
   }
   Status run(Session& session) override {
     std::vector<Verdict> verdicts;
     Status worst;
     for (const std::string& path : paths_) {
-      verdicts.push_back(judge(path));
+      verdicts.push_back(judge(session, path));
       const Verdict& v = verdicts.back();
       if (v.errors() > 0) {
         worst = invalid_file("{}: {} error(s)", path, v.errors());

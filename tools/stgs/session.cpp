@@ -22,6 +22,7 @@ namespace {
 
 constexpr double kShowEvery = 0.1;  // seconds between two updates of the same stage
 constexpr int kBarWidth = 28;
+constexpr std::chrono::milliseconds kLookEvery(50);  // at signals, for what waits
 
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler");
@@ -109,6 +110,7 @@ void Session::emit_aside(const Json& json, const std::string& text) const {
 void Session::log(int level, const std::string& line) {
   static constexpr const char* kNames[] = {"error: ", "warning: ", "", "debug: "};
   if (silent_ || level > level_of(options.log_level)) return;
+  const std::lock_guard lock(showing_);
   clear_bar();
   const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], line);
   std::fwrite(out.data(), 1, out.size(), stderr);
@@ -134,12 +136,23 @@ bool Session::progress(const std::string& stage, std::size_t done, std::size_t t
   return !interrupted();
 }
 
+std::stop_token Session::stop_token() {
+  if (!watcher_.joinable()) {
+    watcher_ = std::jthread([stop = stop_](const std::stop_token& done) mutable {
+      while (!done.stop_requested() && !interrupted()) std::this_thread::sleep_for(kLookEvery);
+      if (interrupted()) stop.request_stop();
+    });
+  }
+  return stop_.get_token();
+}
+
 void Session::show(const encoder::Progress& progress) {
   if (silent_) return;
   const bool json_lines = options.progress == "json";
   const bool bar =
       options.progress == "bar" || (options.progress == "auto" && ::isatty(STDERR_FILENO) != 0);
   if (!json_lines && !bar) return;
+  const std::lock_guard lock(showing_);
   const double now = now_seconds();
   const bool last = progress.done >= 1;
   const bool same = progress.stage == last_stage_;

@@ -5,8 +5,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
+#include <stop_token>
 #include <string>
+#include <thread>
 
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/ranks.h"
@@ -52,13 +55,15 @@ class Session {
   // The same to standard error, for verbs whose standard output carries a picture stream.
   void emit_aside(const Json& json, const std::string& text) const;
 
-  // Levels as LogSink: 0 errors, 1 warnings, 2 information, 3 details.
+  // Any thread may call this. Levels as LogSink: 0 errors, 1 warnings, 2 information, 3 details.
   void log(int level, const std::string& line);
   encoder::LogSink log_sink();
   // Shows progress as asked for; tells the work to stop after SIGINT or SIGTERM.
   encoder::ProgressSink progress_sink();
   // One step of `total` of a stage has been done; false: stop.
   bool progress(const std::string& stage, std::size_t done, std::size_t total);
+  // Is told to stop by SIGINT or SIGTERM, for what waits.
+  std::stop_token stop_token();
 
  private:
   void limit_threads(int threads);
@@ -66,11 +71,14 @@ class Session {
   void clear_bar();
 
   std::unique_ptr<encoder::World> world_;
+  std::mutex showing_;  // standard error, and what is shown there
   bool silent_ = false;
   std::shared_ptr<void> thread_limit_;
   bool bar_shown_ = false;
   double last_shown_ = -1;  // seconds of the monotonic clock
   std::string last_stage_;
+  std::stop_source stop_;
+  std::jthread watcher_;  // of the signals, where stop_token() is asked for
 };
 
 // Catches SIGINT and SIGTERM: the first asks the work to stop, the second ends the program. Ignores

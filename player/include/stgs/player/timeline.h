@@ -23,16 +23,19 @@ enum class Truncated {
 // least recently go first. Not thread-safe; decodes missing segments in parallel (TBB).
 class Timeline {
  public:
-  // `memory_budget` bounds the bytes of decoded segments, see memory_bytes().
-  static Result<std::unique_ptr<Timeline>> open(const std::string& path,
+  // `place` is a path or a URL. `memory_budget` bounds the bytes of decoded segments, see
+  // memory_bytes().
+  static Result<std::unique_ptr<Timeline>> open(const std::string& place,
                                                 std::uint64_t memory_budget = kDefaultMemoryBudget,
                                                 Truncated truncated = Truncated::kRefuse);
-  // The same over a reader that is already open.
+  // The same over a reader that is already open. `name` is for messages.
   static std::unique_ptr<Timeline> over(std::unique_ptr<SceneReader> reader,
-                                        std::uint64_t memory_budget = kDefaultMemoryBudget);
+                                        const std::string& name = "the scene",
+                                        std::uint64_t memory_budget = kDefaultMemoryBudget,
+                                        Truncated truncated = Truncated::kRefuse);
   virtual ~Timeline() = default;
 
-  // For messages: the path, or "the scene" where the reader was already open.
+  // For messages: the path or URL.
   virtual const std::string& name() const = 0;
   virtual const SceneMetadata& metadata() const = 0;
   virtual double duration_seconds() const = 0;

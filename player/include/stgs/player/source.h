@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the bytes of a scene come from: a file of this machine, or one behind HTTP.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <stop_token>
+#include <string>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs::player {
+
+// What a transfer met with. Told from the thread that reads, by several threads at once.
+struct TransferEvent {
+  enum class Kind {
+    kRetry,   // a try failed, another follows
+    kFailed,  // the read fails
+  };
+  Kind kind = Kind::kRetry;
+  std::uint64_t offset = 0;  // in the file, of the first byte that has not come
+  double wait_seconds = 0;   // before the next try
+  std::string message;       // what went wrong
+};
+
+struct HttpSettings {
+  int connections = 4;          // at once at most, kept alive; reads beyond wait for one
+  double connect_seconds = 10;  // to a connection, else the try has failed
+  double stall_seconds = 10;    // without a byte, else the try has failed
+  int tries = 5;                // in a row without a byte, then the read fails
+  double back_off_seconds =
+      0.2;  // before the second try; twice as long before each next, up to 5 s
+  std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
+  std::function<void(const TransferEvent&)> on_event;
+  // Ends reads that are under way, and all later ones, at once (kRuntime).
+  std::stop_token stop;
+};
+
+struct TransferStatistics {
+  std::uint64_t requests = 0;  // answered or not
+  std::uint64_t bytes = 0;     // of bodies, that arrived
+  std::uint64_t retries = 0;
+};
+
+// A file behind a server that answers byte ranges (RFC 9110, 14). What has come of a range when a
+// try fails is kept, and the next try asks for the rest. Reads tell (kIo) where the file has become
+// smaller, or another of the same size (by its ETag, else its time); one that has grown is taken
+// for the same, longer, and refresh() looks whether its beginning is.
+class HttpSource : public ByteSource {
+ public:
+  virtual TransferStatistics statistics() const = 0;
+};
+
+// Whether it begins with http:// or https://.
+bool is_url(const std::string& place);
+
+// Errors: kIo where there is no answer or no such file, kUnsupported where the server does not
+// answer ranges, kNotBuilt without libcurl. Follows redirections; proxies are those of the
+// environment, as libcurl reads it.
+Result<std::unique_ptr<HttpSource>> open_url(const std::string& url,
+                                             const HttpSettings& settings = {});
+
+// open_url or open_file.
+Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,
+                                               const HttpSettings& settings = {});
+
+}  // namespace stgs::player

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// One connection to an HTTP server, and one try at a range over it.
+#pragma once
+
+#include <curl/curl.h>
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <stop_token>
+#include <string>
+
+#include "stgs/player/source.h"
+
+namespace stgs::player {
+
+// What became of a try.
+struct Attempt {
+  enum class Outcome {
+    kDone,      // all bytes that were asked for, or up to the file's end
+    kAgain,     // the network, or a server that says that it is its fault or for now
+    kHopeless,  // would fail again
+    kStopped,
+  };
+  Outcome outcome = Outcome::kHopeless;
+  StatusCode code = StatusCode::kIo;  // of what is hopeless
+  std::string reason;
+  std::size_t received = 0;  // bytes of the range, from its first
+  std::uint64_t total = 0;   // the file's size by Content-Range; 0: not told
+  std::string validator;     // ETag, else Last-Modified, else empty
+  double retry_after = 0;    // seconds that the server asks for
+};
+
+// Kept alive between tries. One thread at a time.
+class Connection {
+ public:
+  static std::unique_ptr<Connection> open(const std::string& url, const HttpSettings& settings);
+  ~Connection();
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  // Asks for `out.size()` bytes, at least one, from `offset` on.
+  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out);
+
+ private:
+  struct Reply;
+
+  Connection() = default;
+  CURLcode perform(bool& stopped);
+
+  CURLM* multi_ = nullptr;
+  CURL* easy_ = nullptr;
+  std::stop_token stop_;
+};
+
+}  // namespace stgs::player

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <condition_variable>
+#include <mutex>
+#include <random>
+#include <vector>
+
+#include "fetch/connection.h"
+#include "stgs/player/source.h"
+
+namespace stgs::player {
+namespace {
+
+constexpr double kLongestWait = 5;           // seconds between tries of our own choice
+constexpr double kLongestWaitAsked = 30;     // and where the server asks for it
+constexpr std::size_t kHeadCompared = 4096;  // bytes that tell whether a file is still the same
+
+// The URL for messages: without who asks, and without a query, which may be a key.
+std::string shown_url(const std::string& url) {
+  const std::size_t host = url.find("//") + 2;
+  std::string shown = url.substr(0, std::min(url.find_first_of("?#", host), url.size()));
+  const std::size_t path = std::min(shown.find('/', host), shown.size());
+  const std::size_t user = shown.rfind('@', path);
+  if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
+  return shown;
+}
+
+class Http final : public HttpSource {
+ public:
+  Http(std::string url, HttpSettings settings)
+      : url_(std::move(url)), name_(shown_url(url_)), settings_(std::move(settings)) {
+    settings_.connections = std::max(settings_.connections, 1);
+    settings_.tries = std::max(settings_.tries, 1);
+  }
+
+  // The first bytes, which tell the size.
+  Status open() {
+    head_.resize(static_cast<std::size_t>(std::max<std::uint64_t>(settings_.head_bytes, 1)));
+    STGS_ASSIGN(const Seen seen, fetch(0, head_, Check::kNothing));
+    head_.resize(seen.bytes);
+    size_ = seen.total;
+    validator_ = seen.validator;
+    return {};
+  }
+
+  std::uint64_t size() const override { return size_; }
+  const std::string& name() const override { return name_; }
+
+  Status refresh() override {
+    std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_.size(), 1, kHeadCompared));
+    STGS_ASSIGN(const Seen seen, fetch(0, head, Check::kNothing));
+    if (seen.total < size_ || seen.bytes < std::min(head_.size(), head.size()) ||
+        !std::equal(
+            head_.begin(),
+            head_.begin() + static_cast<std::ptrdiff_t>(std::min(head_.size(), head.size())),
+            head.begin())) {
+      return replaced();
+    }
+    size_ = seen.total;
+    validator_ = seen.validator;
+    return {};
+  }
+
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (offset > size_ || out.size() > size_ - offset) {
+      return invalid_file(
+          "{}: needs bytes {} to {}, but the file has only {} bytes: it is truncated", name_,
+          offset, offset + out.size(), size_);
+    }
+    if (out.empty()) return {};
+    if (offset + out.size() <= head_.size()) {
+      std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
+      return {};
+    }
+    return fetch(offset, out, Check::kSame).status();
+  }
+
+  TransferStatistics statistics() const override {
+    const std::lock_guard lock(mutex_);
+    return statistics_;
+  }
+
+ private:
+  // What an answer told of the file.
+  struct Seen {
+    std::size_t bytes = 0;  // of those asked for: fewer at the file's end
+    std::uint64_t total = 0;
+    std::string validator;
+  };
+  enum class Check { kNothing, kSame };
+
+  // A connection of this source while it lives; waits where all are in use.
+  class Lease {
+   public:
+    explicit Lease(const Http& source) : source_(source) {
+      std::unique_lock lock(source.mutex_);
+      source.freed_.wait(lock, source.settings_.stop, [&] {
+        return !source.free_.empty() || source.opened_ < source.settings_.connections;
+      });
+      if (!source.free_.empty()) {
+        connection_ = std::move(source.free_.back());
+        source.free_.pop_back();
+      } else if (source.opened_ < source.settings_.connections) {
+        connection_ = Connection::open(source.url_, source.settings_);
+        if (connection_ != nullptr) ++source.opened_;
+      }
+    }
+    ~Lease() {
+      if (connection_ == nullptr) return;
+      const std::lock_guard lock(source_.mutex_);
+      source_.free_.push_back(std::move(connection_));
+      source_.freed_.notify_one();
+    }
+    Lease(const Lease&) = delete;
+    Lease& operator=(const Lease&) = delete;
+    Connection* get() const { return connection_.get(); }
+
+   private:
+    const Http& source_;
+    std::unique_ptr<Connection> connection_;
+  };
+
+  Status replaced() const {
+    return io_error("{}: the file on the server is another one now; open it again", name_);
+  }
+  Status stopped() const { return runtime_error("{}: reading was stopped", name_); }
+
+  bool is_same(const Attempt& attempt) const {
+    if (attempt.total == 0) return true;  // it did not say
+    return attempt.total > size_ || (attempt.total == size_ && attempt.validator == validator_);
+  }
+
+  void tell(TransferEvent::Kind kind, std::uint64_t offset, double wait,
+            const std::string& message) const {
+    if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
+  }
+
+  Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check) const {
+    const Lease lease(*this);
+    if (settings_.stop.stop_requested()) return stopped();
+    if (lease.get() == nullptr) return runtime_error("{}: libcurl has no memory left", name_);
+    std::size_t done = 0;
+    for (int failures = 0;;) {
+      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done));
+      done += attempt.received;
+      count(attempt);
+      if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
+      Status failure;
+      if (check == Check::kSame && !is_same(attempt)) {
+        failure = replaced();
+      } else if (attempt.outcome == Attempt::Outcome::kDone ||
+                 (attempt.outcome == Attempt::Outcome::kAgain && done == out.size())) {
+        if (check == Check::kNothing || done == out.size()) {
+          return Seen{done, attempt.total, attempt.validator};
+        }
+        failure = replaced();
+      } else if (attempt.outcome == Attempt::Outcome::kHopeless) {
+        failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
+      } else {
+        failures = attempt.received > 0 ? 1 : failures + 1;
+        if (failures < settings_.tries) {
+          STGS_TRY(wait(offset + done, failures, attempt));
+          continue;
+        }
+        failure = io_error("{}: {} (given up after {} tries at byte {})", name_, attempt.reason,
+                           failures, offset + done);
+      }
+      tell(TransferEvent::Kind::kFailed, offset + done, 0, failure.message());
+      return failure;
+    }
+  }
+
+  void count(const Attempt& attempt) const {
+    const std::lock_guard lock(mutex_);
+    ++statistics_.requests;
+    statistics_.bytes += attempt.received;
+    if (attempt.outcome == Attempt::Outcome::kAgain) ++statistics_.retries;
+  }
+
+  // Before the next try: each time twice as long, and not for all readers alike.
+  Status wait(std::uint64_t offset, int failures, const Attempt& attempt) const {
+    std::unique_lock lock(mutex_);
+    double seconds =
+        std::min(settings_.back_off_seconds * std::ldexp(1.0, failures - 1), kLongestWait);
+    seconds *= std::uniform_real_distribution<double>(0.75, 1.0)(random_);
+    seconds = std::max(seconds, std::min(attempt.retry_after, kLongestWaitAsked));
+    lock.unlock();
+    tell(TransferEvent::Kind::kRetry, offset, seconds, attempt.reason);
+    lock.lock();
+    const auto pause = std::chrono::duration<double>(seconds);
+    std::condition_variable_any never;
+    never.wait_for(lock, settings_.stop, pause, [] { return false; });
+    return settings_.stop.stop_requested() ? stopped() : Status();
+  }
+
+  std::string url_, name_;
+  HttpSettings settings_;
+  std::uint64_t size_ = 0;
+  std::string validator_;
+  std::vector<std::uint8_t> head_;  // the file's first bytes
+
+  mutable std::mutex mutex_;  // of what follows
+  mutable std::condition_variable_any freed_;
+  mutable std::vector<std::unique_ptr<Connection>> free_;
+  mutable int opened_ = 0;
+  mutable TransferStatistics statistics_;
+  mutable std::minstd_rand random_{std::random_device{}()};
+};
+
+}  // namespace
+
+Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings& settings) {
+  if (!is_url(url)) return usage_error("{}: not a URL of http or https", url);
+  auto source = std::make_unique<Http>(url, settings);
+  STGS_TRY(source->open());
+  return std::unique_ptr<HttpSource>(std::move(source));
+}
+
+}  // namespace stgs::player

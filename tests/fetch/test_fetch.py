@@ -1,0 +1,265 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes behind HTTP: what is read is the file, whatever the network and the server do.
+
+usage: test_fetch.py FETCH_PROBE STGS VECTOR [unittest arguments]
+"""
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from faulty_server import FaultyServer
+
+PROBE, STGS, VECTOR = (os.path.abspath(p) for p in sys.argv[1:4])
+DATA = random.Random(5).randbytes(300_000)
+QUICK = "back_off_seconds=0.01,stall_seconds=1,head_bytes=1000"
+
+
+def probe(url, *ops, settings=QUICK):
+    run = subprocess.run([PROBE, url, settings, *ops], stdout=subprocess.PIPE, check=True,
+                         timeout=60)
+    return json.loads(run.stdout)
+
+
+class Ranges(unittest.TestCase):
+    def reads(self, out, op, offset, size):
+        result = out["ops"][op]["result"]
+        self.assertEqual(result["code"], 0, result["message"])
+        self.assertEqual(result["hex"], DATA[offset:offset + size].hex())
+
+    def fails(self, out, op, code, message):
+        result = out["ops"][op]["result"]
+        self.assertEqual(result["code"], code, result["message"])
+        self.assertRegex(result["message"], message)
+
+    def test_the_head_comes_once_and_the_rest_by_range(self):
+        with FaultyServer(DATA) as server:
+            out = probe(server.url, "0:1000", "10:20", "999:2", "299999:1", "300000:0", "299999:2")
+            self.assertEqual(out["size"], len(DATA))
+            for op, (offset, size) in enumerate([(0, 1000), (10, 20), (999, 2), (299999, 1)]):
+                self.reads(out, op, offset, size)
+            self.fails(out, 5, 3, "has only 300000 bytes: it is truncated")
+            self.assertEqual(server.ranges,
+                             ["bytes=0-999", "bytes=999-1000", "bytes=299999-299999"])
+            self.assertEqual(len(server.connections), 1, "the connection is kept alive")
+            self.assertEqual(out["statistics"], {"requests": 3, "bytes": 1003, "retries": 0})
+            self.assertEqual(out["events"], [])
+
+    def test_a_file_shorter_than_the_head(self):
+        with FaultyServer(DATA[:700]) as server:
+            out = probe(server.url, "0:700")
+            self.assertEqual(out["size"], 700)
+            self.reads(out, 0, 0, 700)
+            self.assertEqual(len(server.ranges), 1)
+
+    def test_what_has_come_before_a_reset_is_kept(self):
+        with FaultyServer(DATA, [{}, {"cut": 70_000}, {"cut": 0}, {"cut": 9}]) as server:
+            out = probe(server.url, "1000:200000")
+            self.reads(out, 0, 1000, 200000)
+            self.assertEqual(server.ranges[1], "bytes=1000-200999")
+            begins = [int(r.split("=")[1].split("-")[0]) for r in server.ranges[1:]]
+            self.assertEqual(begins, sorted(begins))
+            self.assertGreater(begins[-1], 1000 + 9)
+            self.assertTrue(all(r.endswith("-200999") for r in server.ranges[1:]))
+            self.assertEqual(out["statistics"]["bytes"], 1000 + 200000)
+            self.assertEqual([e["kind"] for e in out["events"]], ["retry"] * 3)
+
+    def test_a_server_that_falls_silent_is_asked_again(self):
+        with FaultyServer(DATA, [{}, {"stall": 5000}]) as server:
+            out = probe(server.url, "1000:20000")
+            self.reads(out, 0, 1000, 20000)
+            self.assertLess(out["ops"][0]["seconds"], 6)
+            self.assertEqual(server.ranges[2].split("-")[1], "20999")
+
+    def test_errors_of_the_moment_are_waited_out(self):
+        faults = [{}, {"status": 503}, {"status": 500}, {"status": 429, "retry_after": 1}]
+        with FaultyServer(DATA, faults) as server:
+            out = probe(server.url, "1000:10")
+            self.reads(out, 0, 1000, 10)
+            waits = [e["wait"] for e in out["events"]]
+            self.assertTrue(0.007 <= waits[0] <= 0.01 and 0.015 <= waits[1] <= 0.02, waits)
+            self.assertGreaterEqual(waits[2], 1, "as long as the server asks for")
+
+    def test_tries_have_an_end(self):
+        with FaultyServer(DATA, [{}] + [{"status": 503}] * 9) as server:
+            out = probe(server.url, "1000:10", settings=QUICK + ",tries=3")
+            self.fails(out, 0, 2, "answers 503 .given up after 3 tries at byte 1000")
+            self.assertEqual(len(server.ranges), 4)
+            self.assertEqual([e["kind"] for e in out["events"]], ["retry", "retry", "failed"])
+
+    def test_what_would_fail_again_is_not_tried_again(self):
+        cases = [({"status": 404}, 2, "answers 404: there is no such file"),
+                 ({"status": 403}, 2, "answers 403: it does not let this be read"),
+                 ({"whole": True}, 5, "sends whole files only"),
+                 ({"encode": True}, 5, "encodes ranges .gzip"),
+                 ({"shift": 1}, 2, "another range than it was asked for"),
+                 ({"long": 7}, 2, "more than it was asked for")]
+        for fault, code, message in cases:
+            with self.subTest(fault), FaultyServer(DATA, [{}, fault]) as server:
+                out = probe(server.url, "1000:10", "1000:10")
+                self.fails(out, 0, code, message)
+                self.reads(out, 1, 1000, 10)
+                self.assertEqual(len(server.ranges), 3)
+            with self.subTest(open=fault), FaultyServer(DATA, [fault]) as server:
+                out = probe(server.url)
+                self.assertEqual(out["open"]["code"], code)
+                self.assertRegex(out["open"]["message"], message)
+        with FaultyServer(DATA, [{"no_total": True}]) as server:
+            out = probe(server.url)
+            self.assertEqual(out["open"]["code"], 5)
+            self.assertRegex(out["open"]["message"], "does not tell how large")
+
+    def test_nobody_answers(self):
+        with socket.socket() as closed:
+            closed.bind(("127.0.0.1", 0))
+            url = f"http://127.0.0.1:{closed.getsockname()[1]}/x.stgs"
+            out = probe(url, settings=QUICK + ",tries=2")
+            self.assertEqual(out["open"]["code"], 2)
+            self.assertRegex(out["open"]["message"], "given up after 2 tries at byte 0")
+
+    def test_a_redirection_is_followed_and_other_protocols_are_not(self):
+        with FaultyServer(DATA) as target:
+            with FaultyServer(DATA, [{"redirect": target.url}]) as server:
+                self.assertEqual(probe(server.url)["size"], len(DATA))
+            with FaultyServer(DATA, [{"redirect": "file:///etc/hostname"}]) as server:
+                self.assertEqual(probe(server.url)["open"]["code"], 2)
+
+    def test_a_file_that_is_replaced_is_told(self):
+        def other(server):
+            server.data, server.etag = bytes(len(DATA)), '"2"'
+
+        def shorter(server):
+            server.data = DATA[:2000]
+
+        for change in (other, shorter):
+            with self.subTest(change.__name__):
+                with FaultyServer(DATA, [{}, {"do": change}]) as server:
+                    self.fails(probe(server.url, "1000:10"), 0, 2, "another one now")
+                with FaultyServer(DATA, [{}, {"cut": 9}, {"do": change}]) as server:
+                    self.fails(probe(server.url, "1000:9000"), 0, 2, "another one now")
+
+    def test_a_file_that_grows_stays_the_same(self):
+        def grow(server):
+            server.data, server.etag = DATA + b"more", '"2"'
+
+        def grow_anew(server):
+            server.data, server.etag = bytes(len(DATA) + 4), '"3"'
+
+        with FaultyServer(DATA, [{}, {"do": grow}, {}, {}, {"do": grow_anew}]) as server:
+            out = probe(server.url, "1000:10", "refresh", "300000:4", "refresh")
+            self.reads(out, 0, 1000, 10)
+            self.assertEqual(out["ops"][1]["result"]["size"], len(DATA) + 4)
+            self.assertEqual(out["ops"][2]["result"]["hex"], b"more".hex())
+            self.fails(out, 3, 2, "another one now")
+
+    def test_a_stop_ends_a_read_at_once(self):
+        for fault in ({"delay": 30}, {"status": 503, "retry_after": 25}, {"stall": 10}):
+            with self.subTest(fault), FaultyServer(DATA, [{}, fault]) as server:
+                out = probe(server.url, "stop:0.3:1000:100", "2000:10",
+                            settings="stall_seconds=60,head_bytes=1000")
+                self.fails(out, 0, 4, "reading was stopped")
+                self.assertLess(out["ops"][0]["seconds"], 3)
+                self.fails(out, 1, 4, "reading was stopped")
+
+    def test_many_readers_share_the_connections(self):
+        with FaultyServer(DATA, [{}] + [{"cut": 1000}, {}] * 4) as server:
+            out = probe(server.url, "all:8", settings=QUICK + ",connections=2")
+            for result in out["ops"][0]["result"]:
+                self.assertEqual(result["hex"], DATA.hex())
+
+    def test_messages_tell_neither_keys_nor_passwords(self):
+        with FaultyServer(DATA) as server:
+            url = server.url.replace("//", "//me:secret@") + "?key=hidden"
+            self.assertEqual(probe(url)["name"], server.url)
+
+
+class Verbs(unittest.TestCase):
+    def stgs(self, *args, **options):
+        return subprocess.run([STGS, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              timeout=120, check=False, **options)
+
+    def same(self, url):
+        """The verbs say the same of the file behind the URL as of the file."""
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        camera = folder.name + "/camera.json"
+        with open(camera, "w", encoding="ascii") as file:
+            json.dump({"width": 64, "height": 48, "fx": 60, "fy": 60, "cx": 32, "cy": 24,
+                       "rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 3]}, file)
+        for args in (["info", "{}", "--format", "json"], ["validate", "{}"],
+                     ["render", "{}", "--time", "0", "--camera", camera, "-o", "-"]):
+            here = self.stgs(*[a.format(VECTOR) for a in args])
+            there = self.stgs(*[a.format(url) for a in args])
+            self.assertEqual(there.returncode, 0, there.stderr)
+            self.assertEqual(there.stdout.replace(url.encode(), b"X"),
+                             here.stdout.replace(VECTOR.encode(), b"X"), args[0])
+
+    def test_a_url_is_as_good_as_a_path(self):
+        with open(VECTOR, "rb") as file:
+            with FaultyServer(file.read()) as server:
+                self.same(server.url)
+
+    def test_retries_are_warnings_and_failures_errors(self):
+        with open(VECTOR, "rb") as file:
+            data = file.read()
+        with FaultyServer(data, [{"status": 503}]) as server:
+            run = self.stgs("info", server.url)
+            self.assertEqual(run.returncode, 0)
+            self.assertRegex(run.stderr, rb"warning: at byte 0: .* 503; trying again in 0.")
+        with FaultyServer(data, [{"status": 404}]) as server:
+            run = self.stgs("info", server.url)
+            self.assertEqual(run.returncode, 2)
+            self.assertRegex(run.stderr, rb"error: http://\S+: the server answers 404")
+
+    def test_an_interrupt_ends_waiting(self):
+        with FaultyServer(b"", [{"delay": 60}]) as server:
+            run = subprocess.Popen([STGS, "info", server.url], stderr=subprocess.PIPE)
+            while not server.ranges:
+                time.sleep(0.05)
+            begin = time.monotonic()
+            run.send_signal(signal.SIGINT)
+            error = run.communicate(timeout=20)[1]
+            self.assertEqual(run.returncode, 4)
+            self.assertRegex(error, b"interrupted: ")
+            self.assertLess(time.monotonic() - begin, 10)
+
+    @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
+    def test_nginx(self):
+        with tempfile.TemporaryDirectory() as folder, socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+            free.close()
+            shutil.copy(VECTOR, folder + "/scene.stgs")
+            config = f"""
+                worker_processes 1; daemon off; pid {folder}/pid; error_log {folder}/error.log;
+                events {{}}
+                http {{ access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
+                  fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
+                  scgi_temp_path {folder}/5;
+                  server {{ listen 127.0.0.1:{port}; root {folder}; limit_rate 2m; }} }}"""
+            with open(folder + "/nginx.conf", "w", encoding="ascii") as file:
+                file.write(config if os.getuid() else "user root;" + config)
+            server = subprocess.Popen(["nginx", "-e", folder + "/error.log", "-c",
+                                       folder + "/nginx.conf"], stderr=subprocess.DEVNULL)
+            try:
+                for _ in range(100):
+                    with socket.socket() as client:
+                        if client.connect_ex(("127.0.0.1", port)) == 0:
+                            break
+                    time.sleep(0.05)
+                self.same(f"http://127.0.0.1:{port}/scene.stgs")
+            finally:
+                server.terminate()
+                server.wait()
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], *sys.argv[4:]], verbosity=2)
