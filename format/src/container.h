@@ -36,6 +36,7 @@ inline constexpr std::uint32_t kIndexTag = tag_of("INDX");
 inline constexpr std::uint32_t kSegmentTag = tag_of("SEGM");
 inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
 inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
+inline constexpr std::uint32_t kPrivateTag = tag_of("PRIV");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 inline constexpr std::uint32_t kFragmentTag = tag_of("FRAG");
 
@@ -58,6 +59,7 @@ struct FileMetadata {
   SceneMetadata scene;
   Profile profile = Profile::kLossless;
   int sh_degree = 0;
+  std::uint16_t profile_number = 0;  // as it was read
 };
 
 // A layer is what a record brings, and for which tier of a segment's primitives (spec 5.7).
@@ -109,6 +111,15 @@ struct FileIndex {
   std::uint64_t primitives = 0;
   std::vector<SegmentEntry> segments;
   std::vector<AttributeBytes> attributes;
+  std::vector<IndexEntry> further;  // records of contents that this version does not know
+};
+
+// Whose a private number is (spec 3.5).
+enum class PrivateKind : std::uint16_t { kAttribute = 0, kProfile = 1, kContent = 2 };
+struct PrivateName {
+  PrivateKind kind = PrivateKind::kAttribute;
+  std::uint16_t number = 0;
+  std::string name;
 };
 
 // [begin, end) in ticks.
@@ -171,6 +182,7 @@ struct FileHead {
   std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
   std::uint64_t there = 0;        // bytes of the file that there are
   std::uint64_t head_checksum = 0;
+  std::vector<PrivateName> private_names;
   std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
 
   bool has(const IndexEntry& entry) const {
@@ -185,6 +197,15 @@ struct FileHead {
 };
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
                   SceneMetadata& metadata, Findings& findings);
+bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                         FileHead& head, Findings& findings);
+// What a validator sees of private numbers: that their makers are named, in the payload of a
+// record, or in PRIV for the attributes of layouts and for the rest.
+void check_private_record(const RecordHeader& record, std::span<const std::uint8_t> payload,
+                          std::uint64_t offset, Findings& findings);
+void check_private_layouts(const LayoutSet& set, std::uint64_t offset, const FileHead& head,
+                           Findings& findings);
+void check_private_numbers(const FileHead& head, Findings& findings);
 // Where the records of an index lie in the file.
 struct RecordArea {
   std::uint64_t begin = 0, end = 0;

@@ -202,11 +202,11 @@ class IndexReader {
       if (!take_record(harmonics, at) || !enough_bytes(harmonics, at)) return false;
       tier.harmonics = harmonics;
     }
-    return (shape & kMore) == 0 || skip_refinements(at);
+    return (shape & kMore) == 0 || take_further(head_.index.segments[first].base, at);
   }
 
   // What this version does not know, and does without (spec 5.7).
-  bool skip_refinements(std::uint64_t at) {
+  bool take_further(IndexEntry entry, std::uint64_t at) {
     const std::uint64_t records = in_.varint();
     for (std::uint64_t i = 0; i < records; ++i) {
       const std::uint64_t layer = in_.varint();
@@ -215,8 +215,10 @@ class IndexReader {
         findings_.error(N::kSegmentOrder, at, "index: layer {} is not a refinement's", layer);
         return false;
       }
-      IndexEntry skipped;
-      if (!take_record(skipped, at)) return false;
+      entry.layer = static_cast<std::uint16_t>(layer);
+      entry.primitives = 0;
+      if (!take_record(entry, at)) return false;
+      head_.index.further.push_back(entry);
     }
     return in_.ok() || cut_off();
   }

@@ -43,6 +43,7 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
                  Findings& findings) {
   if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
   if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
+  if (tag == kPrivateTag) return parse_private_names(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
     return parse_layouts(in, payload_at, limits.max_memory, out.layouts, findings);
@@ -54,7 +55,7 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   return true;
 }
 
-// Finds META, LAYT, INDX and WNDW among the records of the head.
+// Finds META, LAYT, INDX, WNDW and PRIV among the records of the head.
 bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
                Findings& findings) {
   std::set<std::uint32_t> have;
@@ -66,8 +67,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     at = payload_at + record.length;
     const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
                        (record.tag == kIndexTag && !out.growing());
-    const bool window = record.tag == kWindowTag && record.flags == 0;
-    if (!window && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
+    const bool aside = (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
+    if (!aside && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
     if (!check_payload(record, payload, payload_at, findings)) continue;
     if (have.count(record.tag) != 0) {
       findings.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
@@ -277,6 +278,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   }
   // What only informs may be of a later version (spec 4.2).
   scene.metric = units == 1;
+  metadata.profile_number = profile;
   metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
                                                                   : Profile::kUnknown;
   if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;

@@ -30,6 +30,7 @@ enum class IssueNumber : int {
   kDuplicateRecord = 114,     // a second META or INDX
   kMissingRecord = 115,       // no META or INDX
   kNotCritical = 116,         // META, INDX or SEGM without the critical bit
+  kPrivate = 117,             // a private number whose maker is not named
   kMetadataLayout = 200,      // too short
   kMetadataConvention = 201,  // an unknown unit, axis, colour or SH convention, or profile
   kTimeBase = 202,            // zero numerator or denominator, or no frames

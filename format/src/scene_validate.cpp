@@ -40,6 +40,15 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
              });
 }
 
+// Whether the payload of a record, all of which is looked at, keeps the caller's limit.
+bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t at,
+                 Findings& findings) {
+  if (record.length <= head.limits.max_memory) return true;
+  findings.unsupported(N::kMemoryLimit, at, "record '{}' of {} bytes, more than the limit of {}",
+                       tag_text(record.tag), record.length, head.limits.max_memory);
+  return false;
+}
+
 // Records of the body that the index does not list, in [at, end), as far as the file has them.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
                    std::uint64_t end, Findings& findings) {
@@ -56,6 +65,10 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     const bool fragment = head.growing() && record.tag == kFragmentTag;
     const bool segment =
         check_flags(record, record.tag == kSegmentTag || fragment, at, findings) && !fragment;
+    if (!fits_memory(record, head, at, findings)) {
+      at += kRecordHeaderBytes + record.length;
+      continue;
+    }
     bytes.resize(record.length);
     if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
@@ -68,6 +81,7 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
     }
+    if (intact) check_private_record(record, bytes, at, findings);
     // spec 5.7, 6.1: what a later version adds need not be known here.
     if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kHarmonics)) {
       findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
@@ -78,7 +92,8 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
 
 // What follows the last complete fragment of a growing file: records that are whole, and one that
 // is being written or was cut off.
-void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings) {
+void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t from,
+               Findings& findings) {
   const std::uint64_t size = source.size();
   if (from >= size) return;
   findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment",
@@ -93,6 +108,7 @@ void walk_tail(const ByteSource& source, std::uint64_t from, Findings& findings)
     if (!parse_record_header(bytes, at, no_end, record, findings)) return;
     at += kRecordHeaderBytes;
     if (record.length > size - at) return;
+    if (!fits_memory(record, head, at, findings)) return;
     bytes.resize(record.length);
     if (Status status = source.read(at, bytes); !status.ok()) {
       return findings.failed_read(at, status);
@@ -132,7 +148,57 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   }
   check_gap(source, head, at, head.header.file_bytes, findings);
   walk_unlisted(source, head, at, head.header.file_bytes, findings);
-  if (head.growing() && !head.closed) walk_tail(source, head.header.file_bytes, findings);
+  if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
+}
+
+// That records of unknown contents say what the index does (spec 6.1).
+void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
+  for (const IndexEntry& entry : head.index.further) {
+    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8;
+    if (!head.has(entry)) continue;  // a file that is truncated: reported
+    std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
+    if (Status status = source.read(entry.offset, bytes); !status.ok()) {
+      findings.failed_read(entry.offset, status);
+      continue;
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, record, findings)) {
+      continue;
+    }
+    ByteReader in{std::span<const std::uint8_t>(bytes).subspan(kRecordHeaderBytes)};
+    const auto level = static_cast<std::int16_t>(in.u16());
+    const std::uint16_t layer = in.u16();
+    const std::uint32_t slot = in.u32();
+    if (in.ok() && record.tag == kSegmentTag && level == entry.level && layer == entry.layer &&
+        slot == entry.slot) {
+      continue;
+    }
+    findings.error(N::kSegmentMismatch, entry.offset,
+                   "a record of content {} is not the one that the index lists",
+                   content_of(entry.layer));
+  }
+}
+
+// What the reader of the head has passed over.
+void walk_head_records(const ByteSource& source, const FileHead& head, Findings& findings) {
+  for (std::uint64_t at = kHeaderBytes; at < head.header.head_bytes;) {
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, at, head.header.head_bytes, record, findings)) return;
+    const std::uint64_t payload_at = at + kRecordHeaderBytes;
+    at = payload_at + record.length;
+    if ((record.flags & kCritical) != 0) continue;
+    bytes.resize(record.length);
+    if (Status status = source.read(payload_at, bytes); !status.ok()) {
+      return findings.failed_read(payload_at, status);
+    }
+    if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
+    if (!check_payload(record, bytes, payload_at, findings)) continue;
+    check_private_record(record, bytes, payload_at, findings);
+  }
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
@@ -140,12 +206,18 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
     if (!head.has(head.index.segments[i])) continue;  // a file that is truncated: reported
     SegmentRecords records;
     Gaussians4D set;
-    if (read_segment(source, head, i, true, records, findings) &&
-        decode_segment(records, head, i, set, findings)) {
+    const bool read = read_segment(source, head, i, true, records, findings);
+    for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+      check_private_layouts(record->own, record->payload_at, head, findings);
+    }
+    if (read && decode_segment(records, head, i, set, findings)) {
       check_values(set, head, i, findings);
     }
   }
+  check_further(source, head, findings);
   walk_body(source, head, findings);
+  walk_head_records(source, head, findings);
+  check_private_numbers(head, findings);
 }
 
 }  // namespace

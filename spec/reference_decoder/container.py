@@ -100,7 +100,7 @@ def read_head(file, limits):
         tag, flags, payload, payload_sum = record_at(file.data, at, file.head_bytes)
         at += RECORD + len(payload)
         tags = (b"META", b"LAYT") if file.growing else (b"META", b"LAYT", b"INDX")
-        if not (tag == b"WNDW" and flags == 0) and not known(tag, flags, tags):
+        if not (tag in (b"WNDW", b"PRIV") and flags == 0) and not known(tag, flags, tags):
             continue
         need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
         need(tag not in have, "2.3", f"a second {tag}")
@@ -113,6 +113,8 @@ def read_head(file, limits):
         file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"), limits.max_memory)
     if file.growing:
         read_fragments(file)
+    if b"PRIV" in have:
+        read_private_names(have[b"PRIV"])
     if b"WNDW" in have:
         read_window(file, have[b"WNDW"])
     if not file.growing:
@@ -156,6 +158,18 @@ def read_meta(file, payload):  # 4.2, 4.3
     a, b, c = rows
     need(a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
          a[2] * (b[0] * c[1] - b[1] * c[0]) > 0, "4.3", "the start camera's rotation mirrors")
+
+
+def read_private_names(payload):  # 3.5: a decoder that knows none need not keep them
+    fields = Fields(payload, "3.5")
+    for _ in range(fields.u16()):
+        fields.u16()
+        fields.u16()
+        name = fields.bytes(fields.u32())
+        try:
+            need(name.decode("utf-8") != "", "3.5", "an empty name")
+        except UnicodeDecodeError:
+            need(False, "3.5", "a name that is not UTF-8")
 
 
 def read_window(file, payload):  # 4.5

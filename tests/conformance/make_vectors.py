@@ -13,7 +13,7 @@ import sys
 from dataclasses import dataclass
 
 from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
-                         layouts_payload, record, table_bytes, zstd_frame)
+                         layouts_payload, record, table_bytes, text, zstd_frame)
 from vector_growing import Fragment, fragment, growing
 from vector_scenes import coded_streams, deltas, float_streams, give_tables, own_body
 
@@ -67,6 +67,18 @@ def changed(attribute, n=3, degree=0, **fields):
 def replaced(stream, n=3, meta=None, **body):
     streams = [stream if s.attribute == stream.attribute else s for s in float_streams(n, 0, 1)]
     return plain(body=own_body(streams, n, **body), meta=meta)
+
+
+def place(layer, level=-1, slot=0):
+    """What the payload of a further record begins with (5.13)."""
+    return struct.pack("<hHI", level, layer, slot)
+
+
+def private(*names):  # 3.5
+    payload = struct.pack("<H", len(names))
+    for kind, value, name in names:
+        payload += struct.pack("<HH", kind, value) + text(name)
+    return record(b"PRIV", payload, 0)
 
 
 def framed(planes, window=None, size=True, dictionary=0, reserved=0):
@@ -195,8 +207,31 @@ def sound_container():
             Segment(0, 2 * far // 5 + 1, [own_body(coded_streams(2, 0, 4), 2)])]
     vector("late_part", "7.5.8", "mapping 7 in a part from tick 2^20 on, which cuts its segment",
            File([Part(late, far, far + 30)], Meta(frames=far + 30)))
-    further = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)], further=[(512, b"new"), (65535, b"")])
-    vector("further_records", "5.7", "contents 2 and 255, ignored", File([Part([further])]))
+    further = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)],
+                      further=[(512, place(512) + b"new"), (0xBF07, place(0xBF07))])
+    vector("further_records", "5.7", "contents 2 and 191, ignored", File([Part([further])], Meta(
+        profile=0)))
+    sound = struct.pack("<dd", 0.0, 12.5) + text("audio/opus") + bytes(range(40))
+    lights = text("org.example.lights")
+    names = private((0, 0xC005, "org.example.heat"), (1, 0xC001, "org.example.rig"),
+                    (2, 200, "org.example.sound"), (9, 1, "later"))
+    streams = float_streams(2, 0, 3)
+    streams.insert(4, Stream(0xC005, 0, 0, [[1, 2]], stored=b"warm"))
+    timed = Segment(-1, 0, [Body(streams, 2)], further=[(200 << 8, place(200 << 8) + sound)])
+    vector("private_numbers", "3.5", "an attribute, a profile, a content of timed data, records",
+           File([Part([timed])], Meta(profile=0xC001), head_first=record(b"liGT", lights + b"?", 0),
+                head_last=names + record(b"priv", lights, 0), tail=record(b"zzzz", lights, 0)))
+    unnamed = File([Part([timed])], Meta(profile=0xC001))
+    vector("private_numbers_unnamed", "3.5", "the same numbers without PRIV", unnamed,
+           reported=[117] * 3)
+    for place_of in ("head_last", "tail"):
+        vector(f"private_record_unnamed_{place_of}", "3.5", "a private record without a name",
+               plain(**{place_of: record(b"liGT", b"\0\0\0\0", 0)}), reported=[117])
+    wrong = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)], further=[(512, place(513))])
+    vector("further_record_of_another_layer", "5.13", "it says another layer than the index",
+           File([Part([wrong])], Meta(profile=0)), reported=[400])
+    vector("unknown_record_damaged", "3.1", "a record of the head that readers skip",
+           plain(head_first=with_byte(record(b"NOTE", b"hello", 0), 34)), reported=[112])
     vector("empty", "5.2", "no primitives, no parts", File([]))
     vector("attribute_totals", "5.2", "totals, of an unknown attribute too",
            plain(totals=((1, 36), (0x8001, 1 << 40))))
@@ -305,6 +340,14 @@ def broken_rules():
         twice = record(tag, payload, int(tag != b"WNDW"))
         must_fail(f"two_{tag.decode().lower()}", "2.3", f"{tag.decode()} twice",
                   plain(head_last=twice if tag == b"INDX" else twice + twice))
+    must_fail("private_names_cut", "3.5", "a count of 2, one name",
+              plain(head_last=record(b"PRIV", b"\2\0\0\0\1\xc0" + text("a"), 0)))
+    must_fail("private_name_empty", "3.5", "no name", plain(head_last=private((0, 0xC001, ""))))
+    must_fail("private_name_not_utf8", "3.5", "a name of \\xff",
+              plain(head_last=private((0, 0xC001, b"\xff"))))
+    must_fail("two_privs", "2.3", "PRIV twice", plain(head_last=private() + private()))
+    must_fail("private_critical", "3.4", "a private record that is critical",
+              plain(head_last=record(b"liGT", text("org.example.lights"))))
     must_fail("window_critical", "3.4", "WNDW with flags 1",
               plain(head_last=record(b"WNDW", struct.pack("<IIQQ", 0, 99, 1, 2))))
     must_fail("window_short", "4.5", "WNDW of 23 bytes", plain(head_last=record(b"WNDW", bytes(23), 0)))
