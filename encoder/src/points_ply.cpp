@@ -6,105 +6,60 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
-#include <sstream>
 #include <string_view>
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/output_file.h"
+#include "stgs/format/ply_header.h"
 
 namespace stgs::encoder {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "PLY bytes are copied as they are");
 
-constexpr std::uint64_t kLongestHeader = 64 * 1024;
-
-struct ScalarType {
-  std::string_view name, alias;
-  int bytes;
-};
-constexpr std::array<ScalarType, 8> kScalarTypes = {{{"char", "int8", 1},
-                                                     {"uchar", "uint8", 1},
-                                                     {"short", "int16", 2},
-                                                     {"ushort", "uint16", 2},
-                                                     {"int", "int32", 4},
-                                                     {"uint", "uint32", 4},
-                                                     {"float", "float32", 4},
-                                                     {"double", "float64", 8}}};
-
 // What a point is made of, and the type each must have in the file.
 enum Field { kX, kY, kZ, kRed, kGreen, kBlue, kVx, kVy, kVz, kFrame, kFieldCount };
 constexpr std::array<std::string_view, kFieldCount> kFieldName = {
     "x", "y", "z", "red", "green", "blue", "vx", "vy", "vz", "frame"};
 
-std::string_view field_type(int field) {
-  if (field >= kRed && field <= kBlue) return "uchar";
-  return field == kFrame ? "int" : "float";
+PlyType field_type(int field) {
+  if (field >= kRed && field <= kBlue) return PlyType::kUint8;
+  return field == kFrame ? PlyType::kInt32 : PlyType::kFloat32;
+}
+constexpr std::string_view name_of(PlyType type) {
+  return type == PlyType::kUint8 ? "uchar" : type == PlyType::kInt32 ? "int" : "float";
 }
 
 struct PlyLayout {
   std::uint64_t count = 0;
-  std::uint64_t header_bytes = 0;
+  std::uint64_t begin = 0;  // of the first record, bytes
   std::uint64_t stride = 0;
   std::array<std::uint64_t, kFieldCount> offset;  // kAbsent where the file lacks the field
 };
 constexpr std::uint64_t kAbsent = ~std::uint64_t{0};
 
-Status parse_property(std::istringstream& words, const std::string& path, PlyLayout& layout) {
-  std::string type, name;
-  words >> type >> name;
-  const ScalarType* scalar = nullptr;
-  for (const ScalarType& known : kScalarTypes) {
-    if (type == known.name || type == known.alias) scalar = &known;
+// What read_ply_header has found, if it is what write_points writes, in whatever order.
+Result<PlyLayout> layout_of(const PlyHeader& header, const std::string& path) {
+  if (header.ascii) return unsupported("{}: only binary little-endian PLY is read", path);
+  for (const PlyElement& element : header.elements) {
+    if (element.name == "vertex") continue;
+    return invalid_file("{}: has an element '{}'; only one, 'vertex', is read", path, element.name);
   }
-  if (scalar == nullptr || name.empty()) {
-    return invalid_file("{}: vertex property of type '{}' is not a scalar", path, type);
-  }
-  for (int field = 0; field < kFieldCount; ++field) {
-    if (name != kFieldName[field]) continue;
-    if (scalar->name != field_type(field)) {
-      return invalid_file("{}: property '{}' is {}, but must be {}", path, name, type,
-                          field_type(field));
-    }
-    layout.offset[field] = layout.stride;
-  }
-  layout.stride += static_cast<std::uint64_t>(scalar->bytes);
-  return {};
-}
-
-Result<PlyLayout> parse_header(const std::string& text, const std::string& path) {
-  PlyLayout layout;
+  const PlyElement* const vertex = header.find("vertex");
+  if (vertex == nullptr) return invalid_file("{}: has no element 'vertex'", path);
+  if (vertex->has_lists) return invalid_file("{}: a vertex property is a list", path);
+  PlyLayout layout{vertex->count, vertex->offset, vertex->stride, {}};
   layout.offset.fill(kAbsent);
-  const std::string_view end_mark = "end_header\n";
-  const std::size_t end = text.find(end_mark);
-  if (text.rfind("ply\n", 0) != 0 || end == std::string::npos) {
-    return invalid_file("{}: is not a PLY file, or its header is truncated", path);
-  }
-  layout.header_bytes = end + end_mark.size();
-  std::istringstream lines(text.substr(0, end));
-  std::string line;
-  bool binary = false, vertices = false;
-  while (std::getline(lines, line)) {
-    std::istringstream words(line);
-    std::string keyword, name;
-    words >> keyword;
-    if (keyword == "format") {
-      words >> name;
-      binary = name == "binary_little_endian";
-    } else if (keyword == "element") {
-      words >> name;
-      if (vertices || name != "vertex") {
-        return invalid_file("{}: has an element '{}'; only one, 'vertex', is read", path, name);
-      }
-      vertices = true;
-      if (!(words >> layout.count)) return invalid_file("{}: the vertex count is no number", path);
-    } else if (keyword == "property") {
-      if (!vertices) return invalid_file("{}: a property comes before its element", path);
-      STGS_TRY(parse_property(words, path, layout));
+  for (int field = 0; field < kFieldCount; ++field) {
+    const PlyProperty* const property = vertex->find(kFieldName[field]);
+    if (property == nullptr) continue;
+    if (property->type != field_type(field)) {
+      return invalid_file("{}: property '{}' must be {}", path, property->name,
+                          name_of(field_type(field)));
     }
+    layout.offset[field] = property->offset;
   }
-  if (!binary) return unsupported("{}: only binary little-endian PLY is read", path);
   for (int field = kX; field <= kBlue; ++field) {
     if (layout.offset[field] == kAbsent) {
       return invalid_file("{}: has no property '{}'", path, kFieldName[field]);
@@ -154,16 +109,10 @@ bool finite(const InitialPoint& point) {
 
 Result<std::vector<InitialPoint>> read_points(const std::string& path) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  std::string head(std::min(source->size(), kLongestHeader), '\0');
-  STGS_TRY(source->read(0, {reinterpret_cast<std::uint8_t*>(head.data()), head.size()}));
-  STGS_ASSIGN(const PlyLayout layout, parse_header(head, path));
-  const std::uint64_t left = source->size() - layout.header_bytes;
-  if (layout.count > left / layout.stride) {
-    return invalid_file("{}: says {} points of {} bytes, but only {} bytes follow the header", path,
-                        layout.count, layout.stride, left);
-  }
+  STGS_ASSIGN(const PlyHeader header, read_ply_header(*source));
+  STGS_ASSIGN(const PlyLayout layout, layout_of(header, path));
   std::vector<std::uint8_t> bytes(layout.count * layout.stride);
-  STGS_TRY(source->read(layout.header_bytes, bytes));
+  STGS_TRY(source->read(layout.begin, bytes));
   std::vector<InitialPoint> points(layout.count);
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = decode_point(bytes.data() + i * layout.stride, layout);
@@ -180,7 +129,7 @@ Status write_points(const std::string& path, const std::vector<InitialPoint>& po
   std::string header = "ply\nformat binary_little_endian 1.0\nelement vertex " +
                        std::to_string(points.size()) + "\n";
   for (int field = 0; field < (moving ? kFieldCount : kVx); ++field) {
-    header += fmt::format("property {} {}\n", field_type(field), kFieldName[field]);
+    header += fmt::format("property {} {}\n", name_of(field_type(field)), kFieldName[field]);
   }
   header += "end_header\n";
   std::vector<std::uint8_t> bytes(header.begin(), header.end());

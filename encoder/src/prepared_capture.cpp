@@ -105,6 +105,14 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
   const std::string path = folder + "/capture.json";
   std::ifstream file(path);
   if (!file) {
+    std::error_code none;
+    const auto status = std::filesystem::status(folder, none);
+    if (!std::filesystem::exists(status)) return io_error("{}: no such file or folder", folder);
+    if (!std::filesystem::is_directory(status)) {
+      return io_error(
+          "{}: is a file, not the folder of a prepared capture (make one with 'stgs prepare')",
+          folder);
+    }
     return io_error(
         "{}: cannot open; '{}' is not a prepared capture (make one with 'stgs prepare')", path,
         folder);

@@ -60,6 +60,13 @@ TEST_CASE("a points file whose count does not fit its bytes is refused") {
                          "float z\nproperty uchar red\nproperty uchar green\nproperty uchar "
                          "blue\nend_header\n";
   CHECK(read_points(path).status().code() == StatusCode::kInvalidFile);
+  for (const char* wrong : {"property double x", "property list uchar float x", "comment"}) {
+    std::ofstream(path) << "ply\nformat binary_little_endian 1.0\nelement vertex 0\n"
+                        << wrong
+                        << "\nproperty float y\nproperty float z\nproperty uchar red\n"
+                           "property uchar green\nproperty uchar blue\nend_header\n";
+    CHECK(read_points(path).status().code() == StatusCode::kInvalidFile);
+  }
   std::ofstream(path) << "ply\nelement ver";
   CHECK(read_points(path).status().code() == StatusCode::kInvalidFile);
   std::filesystem::remove(path);

@@ -138,10 +138,14 @@ class WrongCaptures(CliTest):
 
     def test_folders_that_are_no_prepared_capture(self):
         os.mkdir(self.path("empty"))
-        for folder in (self.path("empty"), self.path("missing"), self.fixture("tiny.stgs")):
+        make = "prepared capture \\(make one with 'stgs prepare'\\)"
+        for folder, message in ((self.path("empty"), "is not a " + make),
+                                (self.path("missing"), "missing: no such file or folder"),
+                                (self.fixture("tiny.stgs"), "is a file, not the folder of a " + make)):
             with self.subTest(folder=folder):
-                self.fails(IO, "is not a prepared capture \\(make one with 'stgs prepare'\\)",
-                           *self.evaluate(folder))
+                self.fails(IO, message, *self.evaluate(folder))
+        self.fails(IO, "missing.json: no such file or folder", "render", self.fixture("tiny.stgs"),
+                   "--cameras", self.path("missing.json"), "--time", "0", "-o", "null")
 
     def test_capture_json_that_is_wrong(self):
         with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:

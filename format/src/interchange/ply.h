@@ -3,7 +3,7 @@
 #pragma once
 
 #include "interchange/import.h"
-#include "interchange/ply_header.h"
+#include "stgs/format/ply_header.h"
 
 namespace stgs {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "interchange/ply_header.h"
+#include "stgs/format/ply_header.h"
 
 #include <algorithm>
 #include <array>
