@@ -120,14 +120,14 @@ class Help(CliTest):
                 self.assertIn("--format", text)
 
     def test_shared_options_are_where_they_do_something(self):
-        drawing = {"render", "evaluate", "compare"}
+        drawing = {"render", "bench", "evaluate", "compare"}
         training = {"train", "encode"}
         expected = {
             "--progress": drawing | training | {"prepare", "pack"},
             "--log-level": training | {"prepare", "render", "pack", "convert"},
             "--backend": drawing | training,
             "--threads": drawing | training | {"prepare", "pack", "validate", "convert"},
-            "--seed": training | {"prepare"},
+            "--seed": training | {"prepare", "bench"},
         }
         for verb in self.verbs():
             text = self.succeeds(verb, "--help").stdout.decode()

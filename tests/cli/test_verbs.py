@@ -10,6 +10,8 @@ import unittest
 import harness
 from harness import CliTest
 
+USAGE = 1
+
 
 class Reading(CliTest):
     def test_info(self):
@@ -138,6 +140,24 @@ class Reading(CliTest):
         for report in (one, two):
             del report["peak_memory"]
         self.assertEqual(one, two)
+
+    def test_bench(self):
+        scene = self.fixture("tiny.stgs")
+        result = self.json_of("bench", scene, "--pictures", "7", "--size", "32x24")
+        for name in ("first", "again"):
+            steps = result[name]["frame_ms"]
+            self.assertLessEqual(steps["p50"], steps["p95"])
+            self.assertLessEqual(steps["p95"], steps["p99"])
+            self.assertAlmostEqual(result[name]["fps"] * steps["p50"], 1000)
+        self.assertEqual(result["cameras"], [{"width": 32, "height": 24}])
+        self.assertEqual(result["stored"], result["primitives"])
+        moving = self.json_of("bench", scene, "--pictures", "7", "--size", "32x24", "--animate",
+                              "--seed", "3")
+        self.assertTrue(moving["animated"])
+        self.assertLess(moving["alive"], moving["primitives"])
+        text = self.succeeds("bench", scene, "--pictures", "2").stdout.decode()
+        self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
+        self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")
 
     def test_compare(self):
         tiny, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")

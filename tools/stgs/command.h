@@ -41,6 +41,7 @@ class Command {
   virtual Status run(Session& session) = 0;
 };
 
+std::unique_ptr<Command> make_bench();
 std::unique_ptr<Command> make_compare();
 std::unique_ptr<Command> make_convert();
 std::unique_ptr<Command> make_encode();
