@@ -122,6 +122,13 @@ struct PrivateName {
   std::string name;
 };
 
+// A chunk must be a multiple of this, ticks, and at most kMostChunk, so that all arithmetic on
+// intervals is exact (spec 5.2).
+inline constexpr double kChunkGrain = 0x1p-20, kMostChunk = 0x1p32;
+bool is_chunk(double ticks);
+// The nearest chunk; 0 stays.
+double to_chunk(double ticks);
+
 // [begin, end) in ticks.
 struct Interval {
   double begin = 0, end = 0;

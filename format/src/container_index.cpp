@@ -72,8 +72,7 @@ class IndexReader {
     if (!in_.ok() || attributes > kMaxTotals || !read_totals(attributes)) return cut_off();
     const std::uint64_t parts = in_.varint();
     if (!in_.ok()) return cut_off();
-    if (!(chunk > 0.0) || !std::isfinite(chunk) ||
-        (!head_.parts.empty() && chunk != index.chunk_ticks)) {
+    if (!is_chunk(chunk) || (!head_.parts.empty() && chunk != index.chunk_ticks)) {
       findings_.error(N::kChunk, offset_, "index: a chunk of {} ticks", chunk);
       return false;
     }
@@ -284,6 +283,14 @@ void write_run(std::span<const SegmentEntry> tiers, Places& places, ByteWriter& 
 
 double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
   return level < 0 ? 0.0 : slot * std::ldexp(chunk_ticks, level - 1);
+}
+
+bool is_chunk(double ticks) {
+  return ticks >= kChunkGrain && ticks <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
+}
+
+double to_chunk(double ticks) {
+  return ticks > 0.0 ? std::max(kChunkGrain, std::round(ticks / kChunkGrain) * kChunkGrain) : 0.0;
 }
 
 double begin_in_part(const IndexEntry& entry, double chunk_ticks, const PartEntry& part) {

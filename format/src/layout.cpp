@@ -16,31 +16,43 @@ std::size_t origins_of(const StreamRow& row) {
   return count;
 }
 
-void write_row(const StreamRow& row, ByteWriter& out) {  // spec 6.3
+void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.3
+  ByteWriter out;
   out.u16(row.attribute);
   out.u8(row.components);
   out.u8(row.mapping);
   out.u8(row.prediction);
   out.u8(row.coder);
-  out.u8(static_cast<std::uint8_t>(row.exponent));
+  out.u8(static_cast<std::uint8_t>(row.step.exponent));
+  out.u8(static_cast<std::uint8_t>(row.step.multiplier));
   out.u8(row.digits);
   const std::size_t origins = origins_of(row);
   out.u8(static_cast<std::uint8_t>(origins));
   for (std::size_t d = 0; d < row.digits; ++d) out.u8(row.digit_bits[d]);
   for (std::size_t i = 0; i < origins; ++i) out.f32(row.origin[i]);
   for (std::uint16_t table : row.tables) out.u16(table);
+  to.u16(static_cast<std::uint16_t>(out.view().size()));
+  to.bytes(out.view());
 }
 
-// False where the bytes end or the row cannot be told from what follows.
-bool read_row(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
+// What every version has of a row.
+void read_kind(ByteReader& in, StreamRow& row) {
   row.attribute = in.u16();
   row.components = in.u8();
   row.mapping = in.u8();
   row.prediction = in.u8();
   row.coder = in.u8();
-  row.exponent = static_cast<std::int8_t>(in.u8());
+  row.known = is_known(row);
+}
+
+// The rest of a row that is known; false where there is something wrong with it, what follows it in
+// its bytes being a later version's.
+bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
+  row.step.exponent = static_cast<std::int8_t>(in.u8());
+  row.step.multiplier = in.u8();
   row.digits = in.u8();
   const std::size_t origins = in.u8();
+  if (!in.ok()) return true;  // which the caller tells
   if (row.digits == 0 || row.digits > kMaxDigits || origins > std::size(row.origin)) {
     findings.error(N::kStreamShape, offset,
                    "layouts: a stream of {} digits, not 1 to {}, or of {} origins", row.digits,
@@ -49,14 +61,21 @@ bool read_row(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& fi
   }
   for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
   for (std::size_t i = 0; i < origins; ++i) row.origin[i] = in.f32();
-  if (row.coder > static_cast<int>(Coder::kDraco)) {
-    findings.unsupported(N::kStreamUnsupported, offset, "layouts: coder {} is unknown", row.coder);
-    return false;
-  }
-  if (static_cast<Coder>(row.coder) == Coder::kRans) {
+  if (row.in_group()) {
     for (std::size_t p = 0; p < row.planes() && in.ok(); ++p) row.tables.push_back(in.u16());
   }
-  return in.ok();
+  return true;
+}
+
+// False where the row is none.
+bool read_row(ByteReader& layouts, std::uint64_t offset, StreamRow& row, Findings& findings) {
+  const std::size_t length = layouts.u16();
+  ByteReader in(layouts.bytes(length));
+  read_kind(in, row);
+  if (row.known && layouts.ok() && !read_fields(in, offset, row, findings)) return false;
+  if (in.ok() || !layouts.ok()) return layouts.ok();
+  findings.error(N::kLayouts, offset, "layouts: a stream's {} bytes are too few", length);
+  return false;
 }
 
 Attribute attribute_of(const StreamRow& row) {
@@ -84,14 +103,14 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
     const std::uint64_t at = offset + in.position();
     StreamRow row;
     if (!read_row(in, at, row, findings)) return false;
-    if (row.attribute >= kOptionalAttributes) {
-      if (static_cast<Coder>(row.coder) == Coder::kBytes) {
-        layout.streams.push_back(std::move(row));
-        continue;
-      }
-      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} has coder {}, not 0",
-                     row.attribute, row.coder);
+    if (row.optional() && row.in_group()) {
+      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} is coded with rANS",
+                     row.attribute);
       return false;
+    }
+    if (!row.known) {  // refuses the records that use it
+      layout.streams.push_back(std::move(row));
+      continue;
     }
     if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
     most += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
@@ -114,23 +133,30 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
 }  // namespace
 
 bool Layout::has_group() const {
-  return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
-    return static_cast<Coder>(row.coder) == Coder::kRans;
-  });
+  return std::any_of(streams.begin(), streams.end(),
+                     [](const StreamRow& row) { return row.in_group(); });
 }
 
 std::size_t Layout::planes() const {
   std::size_t planes = 0;
   for (const StreamRow& row : streams) {
-    if (row.attribute < kOptionalAttributes) planes += row.planes();
+    planes += row.planes();
   }
   return planes;
 }
 
+std::size_t Layout::varying_planes(const LayoutSet& set) const {
+  std::size_t count = 0;
+  for (const StreamRow& row : streams) {
+    if (!row.in_group()) count += row.planes();
+    for (const std::uint16_t table : row.tables) count += set.only[table] < 0 ? 1 : 0;
+  }
+  return count;
+}
+
 bool Layout::has_first_key() const {
   return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
-    return row.attribute < kOptionalAttributes &&
-           static_cast<Prediction>(row.prediction) == Prediction::kMorton;
+    return !row.optional() && static_cast<Prediction>(row.prediction) == Prediction::kMorton;
   });
 }
 

@@ -18,12 +18,16 @@ inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
 inline constexpr std::size_t kMaxLayouts = 65534;
 inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // a record has its layout in itself
 
+struct LayoutSet;
+
 struct Layout {
   std::vector<StreamRow> streams;
 
   bool has_group() const;      // a stream is coded with rANS
   std::size_t planes() const;  // of the streams that are not skipped
   bool has_first_key() const;  // a stream has prediction kMorton
+  // Those that are decoded: a table of one symbol knows its own without any bytes.
+  std::size_t varying_planes(const LayoutSet& set) const;
   bool operator==(const Layout&) const = default;
 };
 

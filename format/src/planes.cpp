@@ -12,6 +12,7 @@
 #include <stdexcept>
 
 #include "draco_points.h"
+#include "steps.h"
 
 namespace stgs {
 namespace {
@@ -197,12 +198,12 @@ void set_origin(const Integers& integers, StreamPlan& plan) {
   std::copy_n(integers.origin, 3, plan.row.origin);
   if (is_morton(integers) || !has_origin(integers.mapping)) return;
   if (integers.mapping == Mapping::kTruncated) {
-    plan.row.origin[0] = std::bit_cast<float>(plan.least[0] << integers.exponent);
+    plan.row.origin[0] = from_truncated(static_cast<std::int32_t>(plan.least[0]), integers.step);
     return;
   }
   for (std::size_t c = 0; c < plan.least.size(); ++c) {
     plan.row.origin[c] =
-        static_cast<float>(std::ldexp(static_cast<std::int32_t>(plan.least[c]), integers.exponent));
+        static_cast<float>(size_of(integers.step) * static_cast<std::int32_t>(plan.least[c]));
   }
 }
 
@@ -238,7 +239,7 @@ StreamPlan plan_draco(const Integers& positions) {
   plan.row.components = kDracoComponents;
   plan.row.mapping = static_cast<std::uint8_t>(positions.mapping);
   plan.row.coder = static_cast<std::uint8_t>(Coder::kDraco);
-  plan.row.exponent = static_cast<std::int8_t>(positions.exponent);
+  plan.row.step = positions.step;
   plan.row.digits = kDracoDigits;
   std::fill_n(plan.row.digit_bits.begin(), kDracoDigits, std::uint8_t{8});
   std::copy_n(positions.origin, 3, plan.row.origin);
@@ -253,7 +254,7 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
   plan.row.attribute = static_cast<std::uint16_t>(first.attribute);
   plan.row.components = static_cast<std::uint8_t>(is_morton(first) ? 1 : first.components);
   plan.row.mapping = static_cast<std::uint8_t>(first.mapping);
-  plan.row.exponent = static_cast<std::int8_t>(first.exponent);
+  plan.row.step = first.step;
   set_origin(first, plan);
   std::size_t total = 0;
   for (const Integers* record : records) total += size_of(*record);

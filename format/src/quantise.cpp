@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -26,38 +25,15 @@ constexpr double kMostOctaves = 3.0;  // that importance makes a step finer or c
 // seen for at most 1.18 L from T on, where its opacity falls to 1/255 (spec 7.5.4).
 constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
+constexpr double kLeastRotation = -12.0, kMostRotation = -1.0;  // octaves
+constexpr int kTimeBits = 23, kFineTimeBits = 19;               // of a moment in steps
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
 
-// 2^e for |e| <= 1022.
-double power_of_two(int e) {
-  return std::bit_cast<double>(static_cast<std::uint64_t>(e + 1023) << 52);
-}
-
-// x in steps of 2^exponent; halves away from 0.
-std::int64_t nearest(double x, int exponent) {
-  constexpr double kMost = 0x1p62;
-  const double steps = std::clamp(x * power_of_two(-exponent), -kMost, kMost);
-  return static_cast<std::int64_t>(steps + std::copysign(0.5, steps));
-}
-
-float on_grid(float x, int exponent) {
-  return static_cast<float>(std::ldexp(static_cast<double>(nearest(x, exponent)), exponent));
-}
-
-// The float with its last `shift` mantissa bits rounded away; x >= 0.
-std::uint32_t truncated_bits(float x, int shift) {
-  return (std::bit_cast<std::uint32_t>(x) + (1u << (shift - 1))) >> shift;
-}
-
-float from_truncated(std::uint32_t k, int shift) {
-  return std::bit_cast<float>(k << shift);
-}
-
-// Exponent at which numbers up to `largest` fit `bits` bits.
-int exponent_for(double largest, int bits) {
-  return largest > 0.0 ? static_cast<int>(std::ceil(std::log2(largest))) - bits : -126;
+// The least power of two in which numbers up to `largest` fit `bits` bits.
+Step step_for(double largest, int bits) {
+  return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kLeastExponent);
 }
 
 struct Extent {
@@ -172,72 +148,76 @@ void least_rotations(Gaussians4D& set) {
   }
 }
 
-Integers begin(Attribute attribute, Mapping mapping, int exponent, int components, std::size_t n) {
+Integers begin(Attribute attribute, Mapping mapping, Step step, int components, std::size_t n) {
   Integers out;
   out.attribute = attribute;
   out.mapping = mapping;
-  out.exponent = exponent;
+  out.step = step;
   out.components = components;
   out.values.resize(n * static_cast<std::size_t>(components));
   return out;
 }
 
+// x in steps, so few that a mapping can sum two of these.
+std::uint32_t steps_in(double x, Step step, Mapping mapping) {
+  const std::int64_t most = most_steps(mapping, step.multiplier) / 2;
+  return static_cast<std::uint32_t>(std::clamp(nearest(x, step), -most, most));
+}
+
 // Numbers of steps.
-Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, int exponent) {
+Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, Step step) {
   const int components = components_of(attribute);
   const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, mapping, exponent, components, n);
+  Integers out = begin(attribute, mapping, step, components, n);
   for (std::size_t c = 0; c < static_cast<std::size_t>(components); ++c) {
     for (std::size_t i = 0; i < n; ++i) {
-      out.values[c * n + i] =
-          static_cast<std::uint32_t>(std::clamp(nearest(view.data[i * view.stride + c], exponent),
-                                                -kMaxInteger / 2, kMaxInteger / 2 - 1));
+      out.values[c * n + i] = steps_in(view.data[i * view.stride + c], step, mapping);
     }
   }
   return out;
 }
 
 // The same from the beginning of the segment on.
-Integers moments(const Gaussians4D& part, int exponent, double segment_begin) {
-  Integers out = linear(part, Attribute::kTime, Mapping::kMoment, exponent);
-  const auto first = static_cast<std::uint32_t>(first_moment(segment_begin, exponent));
+Integers moments(const Gaussians4D& part, Step step, double segment_begin) {
+  Integers out = linear(part, Attribute::kTime, Mapping::kMoment, step);
+  const auto first = static_cast<std::uint32_t>(first_moment(segment_begin, step));
   for (std::uint32_t& v : out.values) v -= first;
   return out;
 }
 
-Integers truncated(const Gaussians4D& part, Attribute attribute, int shift, float offset) {
+Integers truncated(const Gaussians4D& part, Attribute attribute, Step step, float offset) {
   const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kTruncated, shift, 1, part.size());
+  Integers out = begin(attribute, Mapping::kTruncated, step, 1, part.size());
   for (std::size_t i = 0; i < part.size(); ++i) {
-    out.values[i] = truncated_bits(view.data[i] + offset, shift);
+    out.values[i] = static_cast<std::uint32_t>(truncated_steps(view.data[i] + offset, step));
   }
   out.origin[1] = offset;
   return out;
 }
 
-Integers displacement(const Gaussians4D& part, int exponent, float part_ticks) {
+Integers displacement(const Gaussians4D& part, Step step, float part_ticks) {
   const std::size_t n = part.size();
-  Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, exponent, 3, n);
+  Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, step, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
-    const int e = exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
+    const int e = step.exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
+    const Step own{std::clamp(e, kLeastExponent, kGreatestExponent), step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
-      const std::int64_t k = nearest(part.velocity[3 * i + c], std::clamp(e, -126, 127));
-      out.values[c * n + i] =
-          static_cast<std::uint32_t>(std::clamp(k, -kMaxInteger / 2, kMaxInteger / 2 - 1));
+      out.values[c * n + i] = steps_in(part.velocity[3 * i + c], own, Mapping::kDisplacement);
     }
   }
   return out;
 }
 
 // `shapes`: the primitives with the log-scales that a decoder will see.
-Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, int exponent) {
+Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, Step step) {
   const std::size_t n = part.size();
-  Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, exponent, 3, n);
+  Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, step, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
     const float* q = part.rotation.data() + 4 * i;
-    const int own = std::clamp(exponent + rotation_shift(shapes.data() + 3 * i), kFinestRotation,
-                               kCoarsestRotation);
+    const Step own{std::clamp(step.exponent + rotation_shift(shapes.data() + 3 * i),
+                              kFinestRotation, kCoarsestRotation),
+                   step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));
     }
@@ -249,7 +229,7 @@ Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, int
 std::vector<float> decoded_log_scales(const Integers& integers) {
   const std::size_t n = integers.values.size() / 3;
   std::vector<float> out(3 * n);
-  const float step = std::ldexp(1.0f, integers.exponent);
+  const auto step = static_cast<float>(size_of(integers.step));
   for (std::size_t c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < n; ++i) {
       const auto k = static_cast<std::int32_t>(integers.values[c * n + i]);
@@ -260,19 +240,18 @@ std::vector<float> decoded_log_scales(const Integers& integers) {
 }
 
 // Luma and two chroma integers for each coefficient, zero-centred (spec 7.5.6).
-Integers colour(const Gaussians4D& part, Attribute attribute, int exponent) {
+Integers colour(const Gaussians4D& part, Attribute attribute, Step step) {
   const auto components = static_cast<std::size_t>(components_of(attribute));
   const std::size_t n = part.size();
   const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kColour, exponent, static_cast<int>(components), n);
+  Integers out = begin(attribute, Mapping::kColour, step, static_cast<int>(components), n);
   for (std::size_t c = 0; c < components; c += 3) {
     for (std::size_t i = 0; i < n; ++i) {
       const float* channel = view.data + i * view.stride + c;
       const double r = channel[0], g = channel[1], b = channel[2];
       const double planes[3] = {0.25 * (r + 2.0 * g + b), 0.5 * (r - b), 0.25 * (2.0 * g - r - b)};
       for (std::size_t k = 0; k < 3; ++k) {
-        out.values[(c + k) * n + i] = static_cast<std::uint32_t>(
-            std::clamp(nearest(planes[k], exponent), -kMaxInteger / 4, kMaxInteger / 4));
+        out.values[(c + k) * n + i] = steps_in(planes[k], step, Mapping::kColour);
       }
     }
   }
@@ -286,7 +265,7 @@ Integers position(const Gaussians4D& part, const GroupSteps& steps,
   out.attribute = Attribute::kPosition;
   out.mapping = Mapping::kLinear;
   out.components = 3;
-  out.exponent = steps.position;
+  out.step = steps.position;
   std::copy_n(steps.origin, 3, out.origin);
   const std::size_t n = part.size();
   std::vector<std::uint64_t> keys(n);
@@ -296,7 +275,7 @@ Integers position(const Gaussians4D& part, const GroupSteps& steps,
       const double from_origin =
           static_cast<double>(part.position[3 * i + axis]) - out.origin[axis];
       q[axis] = static_cast<std::uint32_t>(
-          std::clamp<std::int64_t>(nearest(from_origin, out.exponent), 0, (1 << kMortonBits) - 1));
+          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << kMortonBits) - 1));
     }
     keys[i] = morton_key(q[0], q[1], q[2]);
   }
@@ -353,28 +332,29 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
   importance_ = mean_of(importance);
   const double size = typical_log_scale(set) / std::log(2.0);
-  coarsest_position_ = exponent_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
-  steps_.position = std::clamp(size - 3.0, -100.0, 100.0);
+  coarsest_position_ = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
+  // Measured at equal loss; where importance is a guess, colour is worth less against place.
+  steps_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
   steps_.displacement = steps_.position + 1.0;
   steps_.log_scale = -3.4;
   steps_.rotation = -5.2;
-  steps_.sh[0] = -4.65;
-  steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = -4.8;
+  steps_.sh[0] = by_size ? -4.35 : -4.65;
+  steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
   double latest = longest_part;
   for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
-  // The fractions spread the attributes' doublings over the range of qualities.
-  const auto exponent = [this](double at_85) {
-    return static_cast<int>(std::floor(at_85 + coarser_));
-  };
-  steps_.time = std::max(exponent(-2.0 + 0.2), exponent_for(latest * 1.000001, 23));
-  steps_.lifespan_shift = std::clamp(exponent(21.0 + 0.4), 16, 22);
-  steps_.opacity = exponent(-2.0 + 0.6);
+  steps_.time = step_near(-2.0 + coarser_, kFineSteps);
+  if (latest >= std::ldexp(size_of(steps_.time), kFineTimeBits)) {  // powers of two have more bits
+    steps_.time = coarser_of(step_near(-2.0 + coarser_, 1), step_for(latest * 1.000001, kTimeBits));
+  }
+  steps_.lifespan = step_near(std::clamp(21.0 + coarser_, 16.0, 22.0), kFineSteps);
+  steps_.opacity = step_near(-1.5 + coarser_, kFineSteps);
 }
 
-int Quantiser::bounded(double exponent, double share) const {
-  const auto rounded = static_cast<int>(std::lround(exponent));
-  if (max_error_ == 0.0) return rounded;
-  return std::min(rounded, static_cast<int>(std::floor(std::log2(max_error_ * share))));
+Step Quantiser::bounded(double octaves, double share, int in_octave) const {
+  const Step step = step_near(octaves, in_octave);
+  if (max_error_ == 0.0) return step;
+  const Step bound = step_below(std::log2(max_error_ * share), in_octave);
+  return size_of(bound) < size_of(step) ? bound : step;
 }
 
 Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
@@ -389,7 +369,7 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
       make_constant(length, still, even, i, out);
     }
   }
-  const int shift = steps_.lifespan_shift;
+  const Step lifespan = steps_.lifespan;
   for (std::size_t i = 0; i < out.size(); ++i) {
     const float time = on_grid(out.time[i], steps_.time);
     for (std::size_t c = 0; c < 3; ++c) {  // where it is then
@@ -399,9 +379,9 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
     out.opacity_logit[i] =
         on_grid(std::clamp(out.opacity_logit[i], -kLogitLimit, kLogitLimit), steps_.opacity);
     const float sigma = std::clamp(out.sigma[i], kSigmaMin, kSigmaMax);
-    out.sigma[i] = from_truncated(truncated_bits(sigma, shift), shift);
+    out.sigma[i] = from_truncated(truncated_steps(sigma, lifespan), lifespan);
     const float radius = std::min(out.radius[i], kSigmaMax);
-    out.radius[i] = from_truncated(truncated_bits(radius + 1.0f, shift), shift) - 1.0f;
+    out.radius[i] = from_truncated(truncated_steps(radius + 1.0f, lifespan), lifespan) - 1.0f;
   }
   return out;
 }
@@ -413,20 +393,20 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
     return coarser_ + std::clamp(power * std::log2(ratio), -kMostOctaves, kMostOctaves);
   };
   const double coarser = coarser_by(power_);
-  const auto exponent = [coarser](double step) {
-    return static_cast<int>(std::lround(step + coarser));
-  };
+  const auto fine = [coarser](double step) { return step_near(step + coarser, kFineSteps); };
   const Extent extent = extent_of(set, &members);
   GroupSteps out;
   // One value less than 2^21, because the origin is rounded down.
-  out.position = std::max(bounded(steps_.position + coarser_by(position_power_), kPositionShare),
-                          exponent_for(extent.largest() * 1.000001, kMortonBits));
+  out.position = coarser_of(
+      bounded(steps_.position + coarser_by(position_power_), kPositionShare, kCoarseSteps),
+      step_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
-  out.displacement = bounded(steps_.displacement + coarser, kDisplacementShare);
-  out.log_scale = exponent(steps_.log_scale);
-  out.rotation = std::clamp(exponent(steps_.rotation), kFinestRotation, kCoarsestRotation);
-  for (int band = 0; band < 4; ++band) out.sh[band] = exponent(steps_.sh[band]);
+  out.displacement = bounded(steps_.displacement + coarser, kDisplacementShare, kFineSteps);
+  out.log_scale = fine(steps_.log_scale);
+  out.rotation =
+      step_near(std::clamp(steps_.rotation + coarser, kLeastRotation, kMostRotation), kCoarseSteps);
+  for (int band = 0; band < 4; ++band) out.sh[band] = fine(steps_.sh[band]);
   return out;
 }
 
@@ -438,8 +418,8 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   Gaussians4D sorted = part.gather(order);
   least_rotations(sorted);
   out.push_back(moments(sorted, steps_.time, segment_begin));
-  out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan_shift, 0.0f));
-  out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan_shift, 1.0f));
+  out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan, 0.0f));
+  out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan, 1.0f));
   out.push_back(displacement(sorted, steps.displacement, part_ticks));
   out.push_back(linear(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
   out.push_back(rotation(sorted, decoded_log_scales(out.back()), steps.rotation));
@@ -453,7 +433,7 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
 
 float Quantiser::position_step() const {
   const double coarsest = std::ceil(steps_.position + coarser_ + kMostOctaves);
-  return std::ldexp(1.0f, std::max(static_cast<int>(coarsest), coarsest_position_));
+  return static_cast<float>(size_of(coarser_of(power_above(coarsest), coarsest_position_)));
 }
 
 std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {

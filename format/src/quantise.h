@@ -7,29 +7,30 @@
 #include <vector>
 
 #include "segmenter.h"
+#include "steps.h"
 #include "stgs/format/gaussian4d.h"
 #include "stream.h"
 
 namespace stgs {
 
-// log2 of the steps for primitives of mean importance, in the attribute's unit. Time, sigma, radius
-// (mantissa bits that are dropped) and opacity have one step in a whole file, hence integers.
+// log2 of the steps for primitives of mean importance, in the attribute's unit. Time, sigma and
+// radius (units in the last place) and opacity have one step in a whole file.
 struct Steps {
   double position = 0;      // scene units
   double displacement = 0;  // scene units over the lifespan
   double log_scale = 0;
   double rotation = 0;
   double sh[4] = {0, 0, 0, 0};
-  int time = 0;  // ticks
-  int lifespan_shift = 0;
-  int opacity = 0;  // of the logit
+  Step time;  // ticks
+  Step lifespan;
+  Step opacity;  // of the logit
 };
 
-// The exponents of the steps that vary with importance, of primitives that share a layout, and
-// where their positions count from.
+// The steps that vary with importance, of primitives that share a layout, and where their positions
+// count from.
 struct GroupSteps {
-  int position = 0, displacement = 0, log_scale = 0, rotation = 0;
-  int sh[4] = {0, 0, 0, 0};
+  Step position, displacement, log_scale, rotation;
+  Step sh[4];
   float origin[3] = {0, 0, 0};
 };
 
@@ -61,16 +62,16 @@ class Quantiser {
   float position_step() const;
 
  private:
-  // Of these steps, not more than the bound allows.
-  int bounded(double exponent, double share) const;
+  // Near 2^octaves, and not more than this share of the bound.
+  Step bounded(double octaves, double share, int in_octave) const;
 
   Steps steps_;
   double max_error_ = 0;  // scene units; 0: no bound
   // Of importance in a step, and in that of a position.
   double power_ = 0, position_power_ = 0;
-  double coarser_ = 0;         // octaves, of the quality
-  double importance_ = 0;      // mean over the set
-  int coarsest_position_ = 0;  // exponent that the whole set's extent needs
+  double coarser_ = 0;      // octaves, of the quality
+  double importance_ = 0;   // mean over the set
+  Step coarsest_position_;  // that the whole set's extent needs
 };
 
 // What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area

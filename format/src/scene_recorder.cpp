@@ -244,7 +244,8 @@ class Recorder final : public SceneRecorder {
   AppendedFile file_;
   FileMetadata metadata_;
   RecordSettings settings_;
-  double chunk_ticks_ = metadata_.scene.time_base.ticks(settings_.write.chunk_seconds);  // 0: open
+  double chunk_ticks_ =  // 0: open
+      to_chunk(metadata_.scene.time_base.ticks(settings_.write.chunk_seconds));
   std::vector<Stretch> stretches_;
   std::uint64_t head_checksum_ = 0;
   std::uint32_t frames_ = 0;

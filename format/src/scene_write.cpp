@@ -13,6 +13,7 @@ namespace stgs {
 namespace {
 
 constexpr int kMostTiers = 16;
+constexpr float kFarthest = 0x1p99f;  // scene units
 
 Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
   if (metadata.time_base.numerator == 0 || metadata.time_base.denominator == 0 ||
@@ -31,7 +32,8 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
     return usage_error("zstd level {} is not in 1..19", settings.zstd_level);
   }
   const double ticks = metadata.time_base.ticks(settings.chunk_seconds);
-  if (!std::isfinite(ticks) || ticks < 0.0 || (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
+  if (!std::isfinite(ticks) || ticks < 0.0 || ticks > kMostChunk ||
+      (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
     return usage_error("chunks of {} s do not cut a timeline of {} frames", settings.chunk_seconds,
                        metadata.frames);
   }
@@ -115,6 +117,16 @@ Status check_values(const Scene& scene) {
   return {};
 }
 
+// That the steps of a profile that has some reach what lies farthest out (spec 7.5).
+Status check_extent(const Gaussians4D& set) {
+  for (std::size_t i = 0; i < set.position.size(); ++i) {
+    if (std::abs(set.position[i]) <= kFarthest) continue;
+    return usage_error("position of primitive {} is {}: only the lossless profile holds it", i / 3,
+                       set.position[i]);
+  }
+  return {};
+}
+
 // What a reader would refuse is not written.
 Status check_metadata(const FileMetadata& metadata) {
   Findings findings;
@@ -131,8 +143,14 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
       low = std::min(low, set.position[i]);
       high = std::max(high, set.position[i]);
     }
-    metadata.bounds_min[axis] = low - margin;
-    metadata.bounds_max[axis] = high + margin;
+    if (margin == 0.0f) {
+      metadata.bounds_min[axis] = low;
+      metadata.bounds_max[axis] = high;
+      continue;
+    }
+    // Rounded outwards (spec 4.3).
+    metadata.bounds_min[axis] = std::nextafter(low - margin, -INFINITY);
+    metadata.bounds_max[axis] = std::nextafter(high + margin, INFINITY);
   }
 }
 
@@ -196,6 +214,7 @@ Status check_scene(const Scene& scene, const WriteSettings& settings) {
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene));
   STGS_TRY(check_values(scene));
+  if (settings.profile != Profile::kLossless) STGS_TRY(check_extent(scene.gaussians));
   return check_parts(scene);
 }
 
@@ -267,7 +286,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
                                                std::vector<std::uint32_t>* order) {
   STGS_TRY(check_scene(scene, settings));
   try {
-    const double chunk = scene.metadata.time_base.ticks(settings.chunk_seconds);
+    const double chunk = to_chunk(scene.metadata.time_base.ticks(settings.chunk_seconds));
     STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk));
     Body& body = encoded.body;
     // For whoever packs it; what is packed needs it no more.

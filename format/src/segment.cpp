@@ -2,25 +2,13 @@
 #include "segment.h"
 
 #include <algorithm>
-#include <optional>
 
 #include "bytes.h"
-#include "draco_points.h"
-#include "stgs/format/parallel.h"
-#include "values.h"
-#include "zstd_frame.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
-
-bool is_known(const StreamRow& row) {
-  return row.attribute < kOptionalAttributes;  // spec 6.4
-}
-bool is_coded(const StreamRow& row) {
-  return static_cast<Coder>(row.coder) == Coder::kRans;
-}
 
 bool same_segment(ByteReader& in, const IndexEntry& expected) {
   const auto level = static_cast<std::int16_t>(in.u16());
@@ -28,6 +16,20 @@ bool same_segment(ByteReader& in, const IndexEntry& expected) {
   const std::uint32_t slot = in.u32(), primitives = in.u32();
   return level == expected.level && layer == expected.layer && slot == expected.slot &&
          primitives == expected.primitives;
+}
+
+// That this version can decode the layout's streams (spec 6.3).
+bool check_known(const Layout& layout, std::uint32_t ordinal, std::uint64_t offset,
+                 Findings& findings) {
+  for (const StreamRow& row : layout.streams) {
+    if (row.known || row.optional()) continue;
+    findings.unsupported(N::kStreamUnsupported, offset,
+                         "segment {}: attribute {} with mapping {}, prediction {} and coder {} is "
+                         "unknown to this version",
+                         ordinal, row.attribute, row.mapping, row.prediction, row.coder);
+    return false;
+  }
+  return true;
 }
 
 // That the layout has the streams of the record's content, in their order.
@@ -39,7 +41,7 @@ bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degr
   const std::span<const Attribute> needed = harmonics ? all.subspan(base) : all;
   std::size_t found = 0;
   for (const StreamRow& row : layout.streams) {
-    if (!is_known(row)) continue;
+    if (row.optional()) continue;
     if (found == needed.size() || row.attribute != static_cast<std::uint16_t>(needed[found])) {
       findings.error(N::kStreamMissing, offset, "segment {}: its layout has attribute {}, not {}",
                      ordinal, row.attribute,
@@ -57,7 +59,8 @@ bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degr
 
 // Whether the layout leaves the harmonics above degree 0 out.
 bool is_partial(const Layout& layout, int sh_degree) {
-  const auto known = std::count_if(layout.streams.begin(), layout.streams.end(), is_known);
+  const auto known = std::count_if(layout.streams.begin(), layout.streams.end(),
+                                   [](const StreamRow& row) { return !row.optional(); });
   return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
 }
 
@@ -65,7 +68,7 @@ bool is_partial(const Layout& layout, int sh_degree) {
 bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordinal,
                       std::uint64_t offset, Findings& findings) {
   for (const StreamRow& row : layout.streams) {
-    if (!is_known(row)) continue;
+    if (row.optional()) continue;
     const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
     const bool mapped = static_cast<Mapping>(row.mapping) != Mapping::kFloat;
     const bool fits = profile == Profile::kLossless    ? !mapped && !draco
@@ -78,17 +81,6 @@ bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordin
     return false;
   }
   return true;
-}
-
-// Planes that are decoded: those that no table knows without any bytes.
-std::size_t varying_planes(const Layout& layout, const LayoutSet& set) {
-  std::size_t count = 0;
-  for (const StreamRow& row : layout.streams) {
-    if (!is_known(row)) continue;
-    if (!is_coded(row)) count += row.planes();
-    for (const std::uint16_t table : row.tables) count += set.only[table] < 0 ? 1 : 0;
-  }
-  return count;
 }
 
 // Adds to the memory of a segment (conformance 1.5); false where that passes the limit.
@@ -133,18 +125,19 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   const Layout& layout = layouts[record.layout];
-  if (!check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
+  if (!check_known(layout, ordinal, record.payload_at, findings) ||
+      !check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
                         findings) ||
       !check_profile_of(layout, head.metadata.profile, ordinal, record.payload_at, findings) ||
       !take_memory(
-          varying_planes(layout, record.set(head.layouts)) * std::uint64_t{expected.primitives},
+          layout.varying_planes(record.set(head.layouts)) * std::uint64_t{expected.primitives},
           head, ordinal, record.payload_at, memory, findings)) {
     return false;
   }
   if (layout.has_first_key()) record.first_key = in.u64();
   std::vector<std::uint64_t> sizes(layout.streams.size());
   for (std::size_t i = 0; i < sizes.size(); ++i) {
-    if (!is_coded(layout.streams[i])) sizes[i] = in.u64();
+    if (!layout.streams[i].in_group()) sizes[i] = in.u64();
   }
   for (const std::uint64_t size : sizes) record.streams.push_back(in.bytes(size));
   if (layout.has_group()) record.group = in.bytes(in.left());
@@ -196,231 +189,6 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
   return parse_segment(payload, head, ordinal, entry, record, memory, findings);
 }
 
-// Why the stored bytes of a stream that is not rANS cannot be its planes (spec 7.2), or null;
-// allocates nothing. `n`: primitives.
-const char* stored_problem(std::span<const std::uint8_t> stored, const StreamRow& row,
-                           std::size_t n) {
-  if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-    return draco_fits(stored, n) ? nullptr : "its point cloud is not that of its primitives";
-  }
-  const std::uint64_t size = std::uint64_t{n} * row.planes();
-  return stored.size() == size ? nullptr : zstd_frame_problem(stored, size);
-}
-
-// What is wrong with `stored`, which must be the planes or one frame of them (spec 7.2), or null.
-const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t> planes) {
-  if (stored.size() == planes.size()) {
-    std::copy(stored.begin(), stored.end(), planes.begin());
-    return nullptr;
-  }
-  return zstd_unpack(stored, planes);
-}
-
-// The planes of a record, decoded.
-struct DecodedPlanes {
-  std::vector<std::uint8_t> symbols;       // of the planes that are no constants, in their order
-  std::vector<std::vector<Plane>> planes;  // by row; none for a row that is skipped
-};
-
-// Decodes the streams of a record of n primitives.
-class RecordDecoder {
- public:
-  RecordDecoder(const SegmentRecord& record, const LayoutSet& of_file, std::uint32_t ordinal,
-                std::size_t n, Findings& findings)
-      : record_(record),
-        set_(record.set(of_file)),
-        layout_(record.layout_in(of_file)),
-        ordinal_(ordinal),
-        n_(n),
-        findings_(findings) {}
-
-  // That the bytes can hold the planes: all streams of a segment must pass before any memory of its
-  // size is taken.
-  bool check_sizes() {
-    bool good = true;
-    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
-      const StreamRow& row = layout_.streams[i];
-      if (!is_known(row) || is_coded(row)) continue;
-      if (static_cast<Coder>(row.coder) == Coder::kDraco && !check_draco().ok()) {
-        findings_.not_built(N::kStreamUnsupported, record_.payload_at, check_draco());
-        return false;
-      }
-      const char* const problem = stored_problem(record_.streams[i], row, n_);
-      if (problem == nullptr) continue;
-      corrupt(name_of(static_cast<Attribute>(row.attribute)), problem);
-      good = false;
-    }
-    if (!layout_.has_group()) return good;
-    auto group = RansGroupDecoder::open(record_.group, n_);
-    if (group.ok()) {
-      group_.emplace(std::move(*group));
-      return good;
-    }
-    corrupt("rANS", group.status().message().c_str());
-    return false;
-  }
-
-  bool decode(DecodedPlanes& out) {
-    out.symbols.resize(n_ * varying_planes(layout_, set_));
-    const std::vector<std::span<std::uint8_t>> places = place_planes(out);
-    if (!decode_bytes(places)) return false;
-    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
-      const StreamRow& row = layout_.streams[i];
-      if (is_known(row) && is_coded(row)) decode_coded(row, places[i].data());
-    }
-    if (group_ && !group_->finish()) {
-      corrupt("rANS", "a block does not end as it must");
-      return false;
-    }
-    if (checksum(out.symbols) == record_.checksum) return true;
-    findings_.error(N::kStreamChecksum, record_.payload_at, "segment {}: decoded planes are wrong",
-                    ordinal_);
-    return false;
-  }
-
-  // Adds what is to be mapped; `decoded` must outlive it.
-  void add_tasks(const DecodedPlanes& decoded, std::vector<StreamTask>& tasks) const {
-    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
-      if (is_known(layout_.streams[i]))
-        tasks.push_back({&layout_.streams[i], decoded.planes[i].data()});
-    }
-  }
-
-  // The record as a decoder elsewhere takes it, after check_sizes().
-  bool code(CodedRecord& out) const {
-    std::vector<std::span<std::uint8_t>> places(layout_.streams.size());
-    std::size_t stored = 0;
-    for (const StreamRow& row : layout_.streams) {
-      if (is_known(row) && !is_coded(row)) stored += row.planes();
-    }
-    out.stored.resize(n_ * stored);
-    std::uint32_t in_group = 0, in_stored = 0;
-    for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
-      const StreamRow& row = layout_.streams[i];
-      if (!is_known(row)) continue;
-      if (!is_coded(row)) {
-        places[i] = std::span(out.stored).subspan(n_ * in_stored, n_ * row.planes());
-      }
-      out.streams.push_back(coded_stream(row, in_group, in_stored, out.tables));
-    }
-    out.bytes.assign(record_.group.begin(), record_.group.end());
-    if (layout_.has_group()) {
-      Result<std::vector<RansBlockPlace>> blocks = rans_layout(record_.group, n_);
-      if (!blocks.ok()) return corrupt("rANS", blocks.status().message().c_str()), false;
-      out.blocks = std::move(*blocks);
-    }
-    out.own_tables = record_.has_own;
-    if (record_.has_own) out.lookups = set_.lookups;
-    return decode_bytes(places);
-  }
-
- private:
-  // Counts the planes that it takes of the group and of those stored.
-  CodedStream coded_stream(const StreamRow& row, std::uint32_t& in_group, std::uint32_t& in_stored,
-                           std::vector<std::uint16_t>& tables) const {
-    CodedStream out;
-    out.attribute = static_cast<Attribute>(row.attribute);
-    out.mapping = static_cast<Mapping>(row.mapping);
-    out.prediction = static_cast<Prediction>(row.prediction);
-    out.exponent = row.exponent;
-    out.components = row.components;
-    out.digits = row.digits;
-    out.digit_bits = row.digit_bits;
-    std::copy_n(row.origin, 3, out.origin.begin());
-    for (std::size_t p = 0; p < row.planes(); ++p) {
-      const std::int16_t only = is_coded(row) ? set_.only[row.tables[p]] : std::int16_t{-1};
-      if (!is_coded(row)) {
-        out.planes.push_back({CodedPlane::Source::kStored, 0, in_stored++});
-      } else if (only >= 0) {
-        out.planes.push_back({CodedPlane::Source::kConstant, static_cast<std::uint8_t>(only), 0});
-      } else {
-        out.planes.push_back({CodedPlane::Source::kGroup, 0, in_group++});
-        tables.push_back(row.tables[p]);
-      }
-    }
-    return out;
-  }
-
-  // Where the planes of each row are to be decoded.
-  std::vector<std::span<std::uint8_t>> place_planes(DecodedPlanes& out) const {
-    std::vector<std::span<std::uint8_t>> places;
-    std::uint8_t* at = out.symbols.data();
-    for (const StreamRow& row : layout_.streams) {
-      std::uint8_t* const begin = at;
-      std::vector<Plane>& planes = out.planes.emplace_back();
-      for (std::size_t p = 0; is_known(row) && p < row.planes(); ++p) {
-        const std::int16_t only = is_coded(row) ? set_.only[row.tables[p]] : std::int16_t{-1};
-        planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
-        at += only < 0 ? n_ : 0;
-      }
-      places.emplace_back(begin, at);
-    }
-    return places;
-  }
-
-  void decode_coded(const StreamRow& row, std::uint8_t* at) {
-    for (const std::uint16_t table : row.tables) {
-      if (set_.only[table] >= 0) continue;
-      group_->next_plane(set_.lookups[table], at);
-      at += n_;
-    }
-  }
-
-  // The streams that are not rANS.
-  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) const {
-    if (std::all_of(layout_.streams.begin(), layout_.streams.end(), is_coded)) return true;
-    std::vector<const char*> problems(places.size());
-    parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
-      const StreamRow& row = layout_.streams[i];
-      if (!is_known(row) || is_coded(row)) return;
-      problems[i] = static_cast<Coder>(row.coder) == Coder::kDraco
-                        ? draco_decode(record_.streams[i], n_, places[i])
-                        : unpack(record_.streams[i], places[i]);
-    });
-    for (std::size_t i = 0; i < places.size(); ++i) {
-      if (problems[i] == nullptr) continue;
-      corrupt(name_of(static_cast<Attribute>(layout_.streams[i].attribute)), problems[i]);
-      return false;
-    }
-    return true;
-  }
-
-  void corrupt(const char* what, const char* problem) const {
-    findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_, what,
-                    problem);
-  }
-
-  const SegmentRecord& record_;
-  const LayoutSet& set_;
-  const Layout& layout_;
-  std::uint32_t ordinal_;
-  std::size_t n_;
-  Findings& findings_;
-  std::optional<RansGroupDecoder> group_;
-};
-
-SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
-                          std::uint32_t ordinal) {
-  const SegmentEntry& segment = head.index.segments[ordinal];
-  const PartEntry& part = head.parts[segment.part];
-  SegmentContext out;
-  out.part_ticks = static_cast<float>(part.end - part.begin);
-  out.begin = begin_in_part(segment.base, head.index.chunk_ticks, part);
-  out.first_key = records.base.first_key;
-  return out;
-}
-
-void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
-             std::uint32_t ordinal, std::uint64_t offset, Gaussians4D& set, Findings& findings) {
-  const MapResult result = map_streams(tasks, context, set);
-  for (std::size_t t = 0; t < tasks.size(); ++t) {
-    if (result.in_range[t]) continue;
-    findings.error(N::kStreamValue, offset, "segment {}, {}: an integer is out of range", ordinal,
-                   name_of(static_cast<Attribute>(tasks[t].row->attribute)));
-  }
-  if (!result.drawable) check_primitives(set, ordinal, offset, findings);
-}
-
 }  // namespace
 
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
@@ -443,60 +211,6 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
   if (!own || !with_harmonics) return true;
   return read_record(source, head, ordinal, segment.harmonics, records.harmonics, records.memory,
                      findings);
-}
-
-bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                  CodedSegment& out, Findings& findings) {
-  Findings found;
-  std::vector<RecordDecoder> decoders;
-  bool sizes_good = true;
-  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
-    if (record->bytes.empty()) continue;
-    decoders.emplace_back(*record, head.layouts, ordinal,
-                          head.index.segments[ordinal].base.primitives, found);
-    sizes_good &= decoders.back().check_sizes();
-  }
-  if (sizes_good) {
-    const SegmentContext context = context_of(records, head, ordinal);
-    out.primitives = head.index.segments[ordinal].base.primitives;
-    out.sh_degree = head.metadata.sh_degree;
-    out.part_ticks = context.part_ticks;
-    out.begin = context.begin;
-    out.first_key = context.first_key;
-    for (const RecordDecoder& decoder : decoders) {
-      if (!decoder.code(out.records.emplace_back())) break;
-    }
-  }
-  const bool good = found.ok();
-  findings.append(std::move(found));
-  return good;
-}
-
-bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    Gaussians4D& set, Findings& findings) {
-  const IndexEntry& entry = head.index.segments[ordinal].base;
-  Findings found;
-  std::vector<RecordDecoder> decoders;
-  bool sizes_good = true;
-  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
-    if (record->bytes.empty()) continue;
-    decoders.emplace_back(*record, head.layouts, ordinal, entry.primitives, found);
-    sizes_good &= decoders.back().check_sizes();
-  }
-  if (sizes_good) {
-    set.sh_degree = head.metadata.sh_degree;
-    set.resize(entry.primitives);
-    const SegmentContext context = context_of(records, head, ordinal);
-    std::vector<DecodedPlanes> planes(decoders.size());
-    std::vector<StreamTask> tasks;
-    for (std::size_t d = 0; d < decoders.size(); ++d) {
-      if (decoders[d].decode(planes[d])) decoders[d].add_tasks(planes[d], tasks);
-    }
-    if (found.ok()) map_all(tasks, context, ordinal, entry.offset, set, found);
-  }
-  const bool good = found.ok();
-  findings.append(std::move(found));
-  return good;
 }
 
 }  // namespace stgs

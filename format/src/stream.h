@@ -26,18 +26,22 @@ inline constexpr int kMortonBits = 21;  // an axis
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1}
                                             << 24;  // |q| below it is exact in float32
 
-// A stream of a layout (spec 6.3).
+// A stream of a layout (spec 6.3). What is not known, or need not be, has no more than the first
+// six fields.
 struct StreamRow {
   std::uint16_t attribute = 0;
   std::uint8_t components = 0;  // of the planes
   std::uint8_t mapping = 0, prediction = 0, coder = 0;
-  std::int8_t exponent = 0;
+  bool known = true;  // to this version: what decoding the row means
+  Step step;
   std::uint8_t digits = 0;  // of a value
   std::array<std::uint8_t, kMaxDigits> digit_bits{};
   float origin[3] = {0, 0, 0};
   std::vector<std::uint16_t> tables;  // of the planes, where the coder is kRans
 
   std::size_t planes() const { return std::size_t{components} * digits; }
+  bool optional() const { return attribute >= kOptionalAttributes; }  // skipped (spec 6.5)
+  bool in_group() const { return static_cast<Coder>(coder) == Coder::kRans; }
   bool operator==(const StreamRow&) const = default;
 };
 
@@ -51,7 +55,7 @@ struct Plane {
 struct Integers {
   Attribute attribute = Attribute::kPosition;
   Mapping mapping = Mapping::kFloat;
-  int exponent = 0;
+  Step step;
   float origin[3] = {0, 0, 0};
   int components = 0;
   std::vector<std::uint32_t> values;  // one component after the other, two's complement
@@ -64,7 +68,9 @@ struct SegmentContext {
   double begin = 0;             // of the segment, before its part cuts it; ticks of its part
   std::uint64_t first_key = 0;  // of the record (spec 6.5)
 };
-// Checks a row against what this version knows.
+// Whether this version knows the attribute, mapping, prediction and coder of a row.
+bool is_known(const StreamRow& row);
+// That such a row keeps the rules for what it is.
 bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings);
 // A stream that is to be mapped: neither is owned.
 struct StreamTask {
@@ -93,7 +99,8 @@ inline int rotation_shift(const float* log_scale) {
 // floor(log2) of the lifespan that scales a displacement (spec 7.5.4).
 inline int lifespan_exponent(float sigma, float radius, float part_ticks) {
   const float lifespan = std::min(radius + 2.0f * sigma, part_ticks);
-  return static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
+  const int exponent = static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
+  return std::clamp(exponent, kLeastLife, kGreatestLife);
 }
 
 constexpr std::uint32_t zigzag(std::int32_t q) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 #include "draco_points.h"
@@ -15,18 +16,33 @@ constexpr std::size_t kGrain = 16384;  // primitives that a thread maps
 constexpr std::size_t kRun = 128;      // of all their streams at a time: their floats fit a cache
 using Carries = std::array<std::uint64_t, kMostComponents>;
 
+constexpr float least_origin() {
+  return std::bit_cast<float>(static_cast<std::uint32_t>(kLeastExponent + 127) << 23);
+}
+
+// Whether no arithmetic with them can be subnormal or infinite (spec 7.5).
+bool numbers_fit(const StreamRow& row) {
+  const auto fits = [](float v) {
+    const float size = std::abs(v);
+    return v == 0.0f || (size >= least_origin() && size <= std::bit_cast<float>(kMostTruncated));
+  };
+  return row.step.exponent >= kLeastExponent && row.step.exponent <= kGreatestExponent &&
+         row.step.multiplier % 2 == 1 &&
+         std::all_of(std::begin(row.origin), std::end(row.origin), fits);
+}
+
 // Rows that this version may write: attribute by mapping (spec 7.5).
 bool mapping_fits(const StreamRow& row) {
   const auto attribute = static_cast<Attribute>(row.attribute);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
-      return row.exponent == 0;
+      return row.step == Step{};
     case Mapping::kLinear:
       return attribute != Attribute::kRotation && attribute != Attribute::kVelocity &&
              attribute != Attribute::kSigma && attribute != Attribute::kRadius;
     case Mapping::kTruncated:
       return (attribute == Attribute::kSigma || attribute == Attribute::kRadius) &&
-             row.exponent >= 0 && row.exponent <= 23;
+             row.step.exponent >= 0 && row.step.exponent <= 23 && row.origin[0] >= least_origin();
     case Mapping::kDisplacement:
       return attribute == Attribute::kVelocity;
     case Mapping::kColour:
@@ -35,8 +51,8 @@ bool mapping_fits(const StreamRow& row) {
       return attribute == Attribute::kTime;
     case Mapping::kRotation:
     case Mapping::kShapedRotation:
-      return attribute == Attribute::kRotation && row.exponent <= kCoarsestRotation &&
-             row.exponent >= kFinestRotation;
+      return attribute == Attribute::kRotation && row.step.exponent <= kCoarsestRotation &&
+             row.step.exponent >= kFinestRotation;
   }
   return false;
 }
@@ -64,41 +80,39 @@ bool digits_fit(const StreamRow& row, bool morton) {
 
 }  // namespace
 
-std::int64_t first_moment(double begin, int exponent) {
+std::int64_t first_moment(double begin, Step step) {
   constexpr double kLimit = 2.0 * kMaxInteger;
-  return static_cast<std::int64_t>(
-      std::clamp(std::floor(std::ldexp(begin, -exponent)), -kLimit, kLimit));
+  const double steps = begin / std::ldexp(step.multiplier, step.exponent);
+  return static_cast<std::int64_t>(std::clamp(std::floor(steps), -kLimit, kLimit));
+}
+
+bool is_known(const StreamRow& row) {
+  return row.attribute >= static_cast<int>(Attribute::kPosition) &&
+         row.attribute <= static_cast<int>(Attribute::kSh3) &&
+         row.mapping <= static_cast<int>(Mapping::kMoment) &&
+         row.prediction <= static_cast<int>(Prediction::kMorton) &&
+         row.coder <= static_cast<int>(Coder::kDraco);
 }
 
 bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
   const auto attribute = static_cast<Attribute>(row.attribute);
   const auto mapping = static_cast<Mapping>(row.mapping);
   const auto prediction = static_cast<Prediction>(row.prediction);
-  if (attribute < Attribute::kPosition || attribute > Attribute::kSh3) {
-    findings.unsupported(N::kStreamUnsupported, offset, "layouts: attribute {} is unknown",
-                         row.attribute);
-    return false;
-  }
-  if (mapping > Mapping::kMoment || prediction > Prediction::kMorton) {
-    findings.unsupported(N::kStreamUnsupported, offset,
-                         "layouts, {}: mapping {} or prediction {} is unknown to this version",
-                         name_of(attribute), row.mapping, row.prediction);
-    return false;
-  }
   const bool morton = prediction == Prediction::kMorton;
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool position = attribute == Attribute::kPosition && mapping == Mapping::kLinear;
   const int components = morton ? 1 : rotation ? 3 : components_of(attribute);
   const bool bits_plain = mapping != Mapping::kFloat || prediction == Prediction::kPlain;
-  if (mapping_fits(row) && row.components == components && (!morton || position) && bits_plain &&
-      digits_fit(row, morton) && coder_fits(row)) {
+  if (numbers_fit(row) && mapping_fits(row) && row.components == components &&
+      (!morton || position) && bits_plain && digits_fit(row, morton) && coder_fits(row)) {
     return true;
   }
-  findings.error(N::kStreamShape, offset,
-                 "layouts, {}: mapping {} with prediction {}, coder {}, {} components of {} digits "
-                 "and exponent {} is not allowed",
-                 name_of(attribute), row.mapping, row.prediction, row.coder, row.components,
-                 row.digits, row.exponent);
+  findings.error(
+      N::kStreamShape, offset,
+      "layouts, {}: mapping {} with prediction {}, coder {}, {} components of {} digits, "
+      "steps of {} * 2^{} and origin {} {} {} is not allowed",
+      name_of(attribute), row.mapping, row.prediction, row.coder, row.components, row.digits,
+      row.step.multiplier, row.step.exponent, row.origin[0], row.origin[1], row.origin[2]);
   return false;
 }
 

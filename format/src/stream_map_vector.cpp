@@ -25,9 +25,14 @@ using Numbers = std::uint32_t[kBlock];
 using Keys = std::uint64_t[kBlock];
 using Floats = float[kBlock];
 
-// 2^e; e outside the normal range is clamped (spec 7.5).
+// 2^e, |e| <= 126.
 HWY_INLINE float power_of_two(int e) {
-  return std::bit_cast<float>(static_cast<std::uint32_t>(std::clamp(e, -126, 127) + 127) << 23);
+  return std::bit_cast<float>(static_cast<std::uint32_t>(e + 127) << 23);
+}
+
+// Exact, and so is its product with an integer in range.
+HWY_INLINE float size_of(Step step) {
+  return static_cast<float>(step.multiplier) * power_of_two(step.exponent);
 }
 
 // Values [first, first + count) of the component whose digits `planes` are, and zeros.
@@ -66,10 +71,10 @@ HWY_INLINE void undo_prediction(Prediction prediction, std::uint64_t& carry, Num
   carry = sum;
 }
 
-// Whether all |q| fit 24 bits.
-HWY_INLINE bool in_range(const Numbers& q) {
+// Whether all |q| are `most` at most.
+HWY_INLINE bool in_range(const Numbers& q, std::uint32_t most) {
   std::uint32_t bad = 0;
-  for (std::size_t i = 0; i < kBlock; ++i) bad |= (q[i] + (1u << 24)) >> 25;
+  for (std::size_t i = 0; i < kBlock; ++i) bad |= q[i] + most > 2 * most ? 1u : 0u;
   return bad == 0;
 }
 
@@ -79,20 +84,19 @@ HWY_INLINE void to_floats(const Numbers& q, Floats& out) {
   }
 }
 
-HWY_INLINE void map_linear(float origin, int exponent, const Numbers& q, Floats& out) {
-  const float step = power_of_two(exponent);
+HWY_INLINE void map_linear(float origin, float step, const Numbers& q, Floats& out) {
   to_floats(q, out);
   for (std::size_t i = 0; i < kBlock; ++i) out[i] = origin + step * out[i];
 }
 
 HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& out) {
   const auto first = std::bit_cast<std::uint32_t>(row.origin[0]);
-  if (first >= 0x7F800000) return false;
-  const std::uint32_t most = (0x7F7FFFFF - first) >> row.exponent;
+  const std::uint32_t step = static_cast<std::uint32_t>(row.step.multiplier) << row.step.exponent;
+  const std::uint32_t most = (kMostTruncated - first) / step;
   std::uint32_t bad = 0;
   for (std::size_t i = 0; i < kBlock; ++i) {
     bad |= q[i] > most ? 1u : 0u;
-    out[i] = std::bit_cast<float>(first + (q[i] << row.exponent)) - row.origin[1];
+    out[i] = std::bit_cast<float>(first + q[i] * step) - row.origin[1];
   }
   return bad == 0;
 }
@@ -102,7 +106,8 @@ HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set,
                                    std::size_t first, std::size_t count, Floats& out) {
   for (std::size_t i = 0; i < count; ++i) {
     const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], part_ticks);
-    out[i] = power_of_two(row.exponent - life);
+    const int exponent = std::clamp(row.step.exponent - life, kLeastExponent, kGreatestExponent);
+    out[i] = size_of({exponent, row.step.multiplier});
   }
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0.0f;
 }
@@ -110,20 +115,23 @@ HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set,
 HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set, std::size_t first,
                                    std::size_t count, int (&out)[kBlock]) {
   const bool shaped = static_cast<Mapping>(row.mapping) == Mapping::kShapedRotation;
-  for (int& e : out) e = row.exponent;
+  for (int& e : out) e = row.step.exponent;
   const float* log_scale = set.log_scale.data() + 3 * first;
   for (std::size_t i = 0; shaped && i < count; ++i) out[i] += rotation_shift(log_scale + 3 * i);
   for (int& e : out) e = std::clamp(e, kFinestRotation, kCoarsestRotation);
   std::fill(out + count, out + kBlock, out[count - 1]);
 }
 
-// w, x, y, z: exact in doubles but for the square root, which rounds correctly (spec 7.5.5).
-HWY_INLINE bool map_rotation(const Numbers (&q)[3], const int (&exponents)[kBlock],
+// w, x, y, z: R is exact in doubles, its rounding to single precision and its square root are
+// correct (spec 7.5.5).
+HWY_INLINE bool map_rotation(int multiplier, const Numbers (&q)[3], const int (&exponents)[kBlock],
                              Floats (&out)[4]) {
   std::uint32_t bad = 0;
+  const double m = multiplier;
   for (std::size_t i = 0; i < kBlock; ++i) {
-    const double x = static_cast<std::int32_t>(q[0][i]), y = static_cast<std::int32_t>(q[1][i]),
-                 z = static_cast<std::int32_t>(q[2][i]);
+    const double x = m * static_cast<std::int32_t>(q[0][i]),
+                 y = m * static_cast<std::int32_t>(q[1][i]),
+                 z = m * static_cast<std::int32_t>(q[2][i]);
     const float one = power_of_two(-2 * exponents[i]);
     const double rest = static_cast<double>(one) - x * x - y * y - z * z;
     bad |= rest > 0.0 ? 0u : 1u;
@@ -134,7 +142,9 @@ HWY_INLINE bool map_rotation(const Numbers (&q)[3], const int (&exponents)[kBloc
   }
   for (std::size_t c = 0; c < 3; ++c) {
     to_floats(q[c], out[c + 1]);
-    for (std::size_t i = 0; i < kBlock; ++i) out[c + 1][i] *= power_of_two(exponents[i]);
+    for (std::size_t i = 0; i < kBlock; ++i) {
+      out[c + 1][i] *= size_of({exponents[i], multiplier});
+    }
   }
   return bad == 0;
 }
@@ -148,9 +158,10 @@ HWY_INLINE void map_colour(const StreamRow& row, const Numbers (&q)[3], Floats (
     green[i] = luma + chroma;
     blue[i] = luma - chroma - orange;
   }
-  map_linear(0.0f, row.exponent, red, out[0]);
-  map_linear(0.0f, row.exponent, green, out[1]);
-  map_linear(0.0f, row.exponent, blue, out[2]);
+  const float step = size_of(row.step);
+  map_linear(0.0f, step, red, out[0]);
+  map_linear(0.0f, step, green, out[1]);
+  map_linear(0.0f, step, blue, out[2]);
 }
 
 template <std::size_t kCount>
@@ -163,36 +174,38 @@ HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::siz
 // A block of one component, of which `count` numbers are meant.
 bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
                    std::size_t count, Numbers& q, Floats& out) {
+  const std::uint32_t most = most_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
       for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
       return true;
     case Mapping::kTruncated:
-      return in_range(q) && map_truncated(row, q, out);
+      return in_range(q, most) && map_truncated(row, q, out);
     case Mapping::kDisplacement:
       to_floats(q, out);
       for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
-      return in_range(q);
+      return in_range(q, most);
     case Mapping::kMoment: {
-      const bool good = in_range(q);
+      const bool good = in_range(q, most);
       for (std::size_t i = 0; i < kBlock; ++i) {
         q[i] = i < count ? q[i] + static_cast<std::uint32_t>(base) : 0;
       }
-      map_linear(row.origin[0], row.exponent, q, out);
-      return good && in_range(q);  // the sums too (spec 7.5.8)
+      map_linear(row.origin[0], size_of(row.step), q, out);
+      return good && in_range(q, most);  // the sums too (spec 7.5.8)
     }
     default:
-      map_linear(row.origin[component % 3], row.exponent, q, out);
-      return in_range(q);
+      map_linear(row.origin[component % 3], size_of(row.step), q, out);
+      return in_range(q, most);
   }
 }
 
 // Three components that make three or four floats together.
 bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers (&q)[3],
                Floats (&out)[4]) {
-  const bool good = in_range(q[0]) && in_range(q[1]) && in_range(q[2]);
+  const std::uint32_t most = most_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const bool good = in_range(q[0], most) && in_range(q[1], most) && in_range(q[2], most);
   if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
-    return map_rotation(q, exponents, out) && good;
+    return map_rotation(row.step.multiplier, q, exponents, out) && good;
   }
   map_colour(row, q, out);
   return good;
@@ -212,7 +225,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const auto mapping = static_cast<Mapping>(row.mapping);
   const auto prediction = static_cast<Prediction>(row.prediction);
   const AttributeView<float> view = view_of(set, static_cast<Attribute>(row.attribute));
-  const std::int64_t base = first_moment(context.begin, row.exponent);
+  const std::int64_t base = first_moment(context.begin, row.step);
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool together = rotation || mapping == Mapping::kColour;
   HWY_ALIGN Numbers q[3];
@@ -255,7 +268,9 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   HWY_ALIGN Keys keys;
   HWY_ALIGN Numbers q;
   HWY_ALIGN Floats floats[3];
+  const std::uint32_t most = most_steps(Mapping::kLinear, row.step.multiplier);
   std::uint64_t key = *carry, overflow = key;
+  bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
     load(row, task.planes, first, count, keys);
@@ -267,12 +282,13 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {
       for (std::size_t i = 0; i < kBlock; ++i) q[i] = compact3(keys[i] >> axis);
-      map_linear(row.origin[axis], row.exponent, q, floats[axis]);
+      good &= in_range(q, most);
+      map_linear(row.origin[axis], size_of(row.step), q, floats[axis]);
     }
     store<3>(floats, count, set.position.data() + 3 * first, 3);
   }
   *carry = key;
-  return overflow >> 63 == 0;
+  return good && overflow >> 63 == 0;
 }
 
 bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,

@@ -271,7 +271,8 @@ def read_fragments(file):  # 5.12
 
 def read_index(file, fields, at, end=None):  # 5.2
     chunk, stated = fields.f64(), fields.number()
-    need(math.isfinite(chunk) and chunk > 0, "5.2", f"a chunk of {chunk} ticks")
+    need(2.0 ** -20 <= chunk <= 2.0 ** 32 and math.fmod(chunk, 2.0 ** -20) == 0, "5.2",
+         f"a chunk of {chunk} ticks")
     need(file.chunk in (None, chunk), "5.12", "another chunk than the fragment before")
     file.chunk = chunk
     totals = fields.number()

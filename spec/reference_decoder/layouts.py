@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import rans
-from fields import need
+from fields import Fields, need
 
 COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 9, 11: 15, 12: 21}  # 6.4
 NAMES = {1: "position", 2: "time", 3: "sigma", 4: "radius", 5: "velocity", 6: "log_scale",
@@ -23,13 +23,18 @@ class Stream:  # 6.3
     mapping: int
     prediction: int
     coder: int
-    e: int
-    bits: list
-    origin: list
+    e: int = 0
+    m: int = 1
+    bits: list = field(default_factory=list)
+    origin: list = field(default_factory=list)
     tables: list = field(default_factory=list)
 
     def optional(self):
         return self.attribute >= OPTIONAL
+
+    def known(self):
+        return self.attribute in COMPONENTS and self.mapping <= 7 and self.prediction <= 3 and \
+            self.coder <= DRACO
 
     def planes(self):
         return self.components * len(self.bits)
@@ -52,47 +57,57 @@ def read_layouts(fields, memory):  # 6.2; memory: what the tables may take
     for _ in range(count):
         out.layouts.append([read_stream(fields, len(out.tables)) for _ in range(fields.u8())])
         group = sum(1 for s in out.layouts[-1] for t in s.tables if out.tables[t].only is None)
-        planes = sum(s.planes() for s in out.layouts[-1] if not s.optional())
-        most = sum(4 * COMPONENTS[s.attribute] for s in out.layouts[-1] if not s.optional())
+        planes = sum(s.planes() for s in out.layouts[-1])
+        most = sum(4 * COMPONENTS[s.attribute] for s in out.layouts[-1] if s.known())
         need(planes <= most, "7.3", f"{planes} planes for {most} bytes of floats")
         need(group <= 256, "A.1", f"a group of {group} planes")
     return out
 
 
 def read_stream(fields, tables):  # 6.3
-    s = Stream(fields.u16(), fields.u8(), fields.u8(), fields.u8(), fields.u8(), fields.i8(), [], [])
-    digits, origin = fields.u8(), fields.u8()
+    row = Fields(fields.bytes(fields.u16()), "6.3")
+    s = Stream(row.u16(), row.u8(), row.u8(), row.u8(), row.u8())
+    need(not s.optional() or s.coder != RANS, "6.5", "an optional stream that is rANS")
+    if s.known():
+        read_known(s, row, tables)
+    return s
+
+
+def read_known(s, row, tables):
+    s.e, s.m, digits, origin = row.i8(), row.u8(), row.u8(), row.u8()
     need(1 <= digits <= 16, "6.3", f"{digits} digits")
     need(origin <= 3, "6.3", f"an origin of {origin} numbers")
-    s.bits = [fields.u8() for _ in range(digits)]
-    s.origin = [fields.f32() for _ in range(origin)] + [0.0] * (3 - origin)
+    s.bits = [row.u8() for _ in range(digits)]
+    s.origin = [row.f32() for _ in range(origin)] + [0.0] * (3 - origin)
     if s.coder == RANS:
-        s.tables = [fields.u16() for _ in range(s.planes())]
+        s.tables = [row.u16() for _ in range(s.planes())]
         need(all(t < tables for t in s.tables), "6.3", "a table that is not there")
-    if s.optional():
-        need(s.coder == 0, "6.5", f"an optional stream of coder {s.coder}")
-        return s
-    need(s.attribute in COMPONENTS, "6.5", f"attribute {s.attribute}")
-    need(s.coder <= DRACO and s.prediction <= 3 and s.mapping <= 7, "7.1",
-         f"coder {s.coder}, prediction {s.prediction}, mapping {s.mapping}", unsupported=True)
     need(all(1 <= b <= 8 for b in s.bits), "7.3", f"digits of {s.bits} bits")
     need(s.coder == RANS or all(b == 8 for b in s.bits), "7.2", "digits of less than 8 bits")
     need(s.coder != DRACO or (s.attribute, s.mapping, s.prediction, len(s.bits)) == (1, 1, 0, 3),
          "7.2.1", "not as Draco's streams are")
     need(sum(s.bits) <= (64 if s.prediction == MORTON else 32), "7.3", f"{sum(s.bits)} bits")
     need(s.attribute in MAPS[s.mapping], "7.5", f"mapping {s.mapping} of {NAMES[s.attribute]}")
-    need(s.mapping != 0 or (s.prediction == 0 and s.e == 0), "7.5.1", "not as the float mapping is")
+    need(s.mapping != 0 or (s.prediction, s.e, s.m) == (0, 0, 1), "7.5.1",
+         "not as the float mapping is")
+    need(s.m % 2 == 1, "7.5", f"a multiplier of {s.m}")
+    need(-100 <= s.e <= 100, "7.5", f"e = {s.e}")
+    need(all(v == 0 or 2.0 ** -100 <= abs(v) <= 2.0 ** 100 for v in s.origin), "7.5",
+         f"an origin of {s.origin}")
     need(s.prediction != MORTON or (s.attribute == 1 and s.mapping == 1), "7.4", "prediction 3")
-    need(s.mapping != 2 or 0 <= s.e <= 23, "7.5.3", f"e = {s.e}")
-    need(s.mapping not in (4, 6) or -12 <= s.e <= -1, "7.5.5", f"e = {s.e}")
+    need(s.mapping != 2 or (0 <= s.e <= 23 and s.origin[0] >= 2.0 ** -100), "7.5.3",
+         f"e = {s.e}, an origin of {s.origin}")
+    need(s.mapping not in (4, 6) or -14 <= s.e <= -1, "7.5.5", f"e = {s.e}")
     components = 1 if s.prediction == MORTON else 3 if s.mapping in (4, 6) else \
         COMPONENTS[s.attribute]
     need(s.components == components, "7.5", f"{s.components} components")
-    return s
 
 
 def check_attributes(layout, content, degree):
     """That a layout has what a record of this content must (5.7, 6.4). True: without harmonics."""
+    for s in layout:
+        need(s.known() or s.optional(), "6.3", f"attribute {s.attribute}, mapping {s.mapping}, "
+             f"prediction {s.prediction}, coder {s.coder}", unsupported=True)
     have = [s.attribute for s in layout if not s.optional()]
     base, rest = list(range(1, 10)), list(range(10, 10 + degree))
     if content == 1:

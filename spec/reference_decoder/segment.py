@@ -67,8 +67,10 @@ def open_record(file, tier, place, content, memory):  # 6.1
             need(s.coder != DRACO or file.profile not in (0, 1), "8.1", "Draco in another profile")
     for s in layout:
         some = [t for t in s.tables if layouts.tables[t].only is None]
-        memory = take(memory, tier.n * (len(some) if s.coder == RANS else s.planes() * (not s.optional())))
-    first_key = fields.u64() if any(s.prediction == MORTON for s in layout) else 0
+        memory = take(memory, tier.n * (len(some) if s.coder == RANS else s.planes()))
+    first_key = 0
+    if any(s.prediction == MORTON and not s.optional() for s in layout):
+        first_key = fields.u64()
     sizes = [None if s.coder == RANS else fields.u64() for s in layout]
     stored = [b"" if size is None else fields.bytes(size) for size in sizes]
     group = fields.bytes(fields.left()) if any(s.coder == RANS for s in layout) else b""
@@ -180,27 +182,27 @@ def predicted(s, rows, first_key):  # 7.4
     return rows
 
 
-def in_range(q, clause="7.5"):
+def in_range(q, m, most, clause):
     for row in q:
-        need(all(-(1 << 24) <= v < 1 << 24 for v in row), clause, "an integer of more than 24 bits")
+        need(all(abs(m * v) < most for v in row), clause, "an integer that is too great")
 
 
-def power(k):  # 2^k of 7.5
-    return F32(math.ldexp(1.0, max(-126, min(127, int(k)))))
+def power(k):  # 2^k
+    return F32(math.ldexp(1.0, int(k)))
 
 
-def floats_of(row):  # exact in f32 where in_range holds; else rounded to nearest (1.7)
-    return np.array(row, dtype=np.int64).astype(F32)
+def steps(s, row):  # m * q, exact in f32 where in_range holds
+    return np.array([s.m * v for v in row], dtype=np.int64).astype(F32)
 
 
 def mapped(file, tier, s, q, out):  # 7.5
     with np.errstate(all="ignore"):
         if s.mapping == 0:
             return np.array(q, dtype=np.int64).astype(np.uint32).view(F32).T
-        in_range(q)
+        in_range(q, s.m, 1 << (22 if s.mapping == 5 else 24), "7.5")
         origin = [F32(v) for v in s.origin]
         if s.mapping == 1:
-            return np.array([origin[c % 3] + power(s.e) * floats_of(row)
+            return np.array([origin[c % 3] + power(s.e) * steps(s, row)
                              for c, row in enumerate(q)]).T
         if s.mapping == 2:
             return truncated(s, q[0], origin)
@@ -216,8 +218,8 @@ def mapped(file, tier, s, q, out):  # 7.5
 def truncated(s, q, origin):  # 7.5.3
     need(all(v >= 0 for v in q), "7.5.3", "an integer below 0")
     first = struct.unpack("<I", struct.pack("<f", origin[0]))[0]
-    bits = [first + (v << s.e) for v in q]
-    need(all(b < 0x7F800000 for b in bits), "7.5.3", "bits that are no finite float")
+    bits = [first + (s.m * v << s.e) for v in q]
+    need(all(b <= 0x71800000 for b in bits), "7.5.3", "a float above 2^100")
     return (np.array(bits, dtype=np.uint32).view(F32) - origin[1]).reshape(-1, 1)
 
 
@@ -225,20 +227,21 @@ def displacement(tier, s, q, out):  # 7.5.4
     sigma, radius = out[3][1][:, 0], out[4][1][:, 0]
     begin, end = tier.part
     length = np.minimum(radius + F32(2) * sigma, F32(end - begin))
-    e = (length.view(np.uint32) >> 23 & 255).astype(int) - 127
-    step = np.array([power(s.e - v) for v in e], dtype=F32)
-    return np.array([step * floats_of(row) for row in q]).T
+    e = np.clip((length.view(np.uint32) >> 23 & 255).astype(int) - 127, -32, 32)
+    step = np.array([power(k) for k in np.clip(s.e - e, -100, 100)], dtype=F32)
+    return np.array([step * steps(s, row) for row in q]).T
 
 
 def rotation(s, q, out):  # 7.5.5, 7.5.7
     rows = []
-    for i, (x, y, z) in enumerate(zip(*q)):
+    for i, v in enumerate(zip(*q)):
+        x, y, z = (s.m * c for c in v)
         e = s.e
         if s.mapping == 6:
             scales = out[6][1][i]
             a = scales.max() - scales.min()
             e += 3 - sum(bool(a >= F32(v)) for v in (0.125, 0.5, 1.25, 2.375, 3.75, 5))
-            e = max(-12, min(-1, e))
+            e = max(-14, min(-1, e))
         r = (1 << -2 * e) - x * x - y * y - z * z
         need(r > 0, "7.5.5", "a rotation without a w")
         rows.append([power(e) * np.sqrt(F32(r))] + [power(e) * F32(v) for v in (x, y, z)])
@@ -249,16 +252,16 @@ def colour(s, q):  # 7.5.6
     rows = []
     for c in range(0, len(q), 3):
         y, o, g = (np.array(row, dtype=np.int64) for row in q[c:c + 3])
-        rows += [power(s.e) * v.astype(F32) for v in (y - g + o, y + g, y - g - o)]
+        rows += [power(s.e) * steps(s, v) for v in (y - g + o, y + g, y - g - o)]
     return np.array(rows).T
 
 
 def moment(tier, s, q, origin):  # 7.5.8
-    t = math.ldexp(tier.start, -s.e)
-    first = math.floor(max(-2.0 ** 25, min(2.0 ** 25, t)))
+    quotient = tier.start / math.ldexp(s.m, s.e)
+    first = math.floor(max(-2.0 ** 25, min(2.0 ** 25, quotient)))
     sums = [v + first for v in q]
-    in_range([sums], "7.5.8")
-    return (origin[0] + power(s.e) * floats_of(sums)).reshape(-1, 1)
+    in_range([sums], s.m, 1 << 24, "7.5.8")
+    return (origin[0] + power(s.e) * steps(s, sums)).reshape(-1, 1)
 
 
 def check_values(attribute, floats):  # 6.4, conformance.md 1.2

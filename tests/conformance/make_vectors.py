@@ -12,10 +12,10 @@ import struct
 import sys
 from dataclasses import dataclass
 
-from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, checksum, group,
-                         layouts_payload, record, table_bytes, text, zstd_frame)
+from vector_file import (RANS, Body, File, Meta, Part, Patched, Segment, Stream, bits_of, checksum,
+                         group, layouts_payload, record, table_bytes, text, zstd_frame)
 from vector_growing import Fragment, fragment, growing
-from vector_scenes import coded_streams, deltas, float_streams, give_tables, own_body
+from vector_scenes import coded_streams, deltas, float_streams, give_tables, own_body, zigzags
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 VECTORS = []
@@ -131,6 +131,24 @@ def sound_lossless():
     streams = float_streams(3, 0, 1)
     vector("optional_stream", "6.5", "an attribute of 0x8001 between the others, skipped",
            plain(body=Body(streams[:4] + [extra] + streams[4:], 3)))
+    extra = Stream(0xBFFF, 200, -128, [[1]], 3, 77, (8,), m=0, stored=b"whatever", later=b"more")
+    vector("optional_unknown_coder", "6.5", "an optional attribute of an unknown coder, skipped",
+           plain(body=Body(streams + [extra], 3)))
+    short = Stream(0xBFFF, 0, 0, [[1]], 0, 77, stored=b"")
+    body = Body(streams + [short], 3)
+    vector("optional_short_row", "6.3", "a row of an optional attribute that ends with its coder",
+           plain(body=Patched(body, short.row(), struct.pack("<HH4B", 6, 0xBFFF, 1, 0, 0, 77))))
+    longer = float_streams(3, 0, 1)
+    for i, s in enumerate(longer):
+        s.later = b"later"[:i]
+    vector("longer_rows", "6.3", "rows with more than this version's fields, which are ignored",
+           plain(body=Body(longer, 3)))
+    unused = [Stream(a, m, 0, [[0]], p, c) for a, m, p, c in ((13, 0, 0, 0), (8, 8, 0, 0), (8, 0, 4, 0),
+                                                            (8, 0, 0, 3))]
+    layt = struct.pack("<HH", 0, 2) + b"\x04" + b"".join(s.row() for s in unused)
+    layt += b"\x09" + b"".join(s.row() for s in streams)
+    vector("unknown_rows_unused", "6.3", "an unknown attribute, mapping, prediction and coder in a layout "
+           "that no record has", plain(body=Body(streams, 3, layout=1), layouts=layt))
 
 
 def sound_coded():
@@ -168,17 +186,45 @@ def sound_coded():
     wide = Stream(8, 1, -2, [[0, 0, 0]], 0, RANS, (2, 3), digits=[bytes([7, 1, 255]),
                                                                 bytes([2, 0, 9])])
     vector("digits_wider_than_their_bits", "7.3", "they are or-ed all the same", replaced(wide))
-    limits = Stream(8, 1, -24, [[(1 << 24) - 1, (1 << 32) - (1 << 24), 0]], 0)
+    limits = Stream(8, 1, -24, [[(1 << 24) - 1, (1 << 32) - (1 << 24) + 1, 0]], 0)
     vector("integers_of_24_bits", "7.5", "the least and the greatest", replaced(limits))
-    vector("step_below_f32", "7.5", "2^e is clamped at 2^-126",
-           replaced(Stream(8, 1, -128, [[1, 2, 3]], 0)))
+    limits = Stream(8, 1, -24, [[65793, (1 << 32) - 65793, 0]], m=255)
+    vector("multiplied_integers_of_24_bits", "7.5", "the least and the greatest for m = 255",
+           replaced(limits))
+    for name, e in (("least_step", -100), ("greatest_step", 100)):
+        vector(name, "7.5", f"e = {e}, as far out as f32 needs for no subnormal or infinity",
+               replaced(Stream(8, 1, e, [[(1 << 24) - 1, (1 << 32) - 1, 0]], origin=(-2.0 ** e,))))
+    many = coded_streams(6, 1, 44, shaped=True)
+    for s, m in zip(many, (3, 7, 5, 13, 9, 5, 3, 15, 11, 255)):
+        s.m = m
+    many[2].e = many[3].e = 17
+    vector("multipliers", "7.5", "m of 3 to 255 in every mapping but 0 and 4, in a slot",
+           File([Part([Segment(2, 1, [own_body(many, 6)])])], Meta(degree=1)))
+    turned = Stream(7, 4, -9, [zigzags([100, -99, 0]), zigzags([1, 2, 3]), zigzags([3, -2, 1])], 1, m=5)
+    vector("multiplied_rotation", "7.5.5", "mapping 4 with m = 5", replaced(turned))
+    finest = [[bits_of(-9.0)] * 3, [bits_of(-3.0)] * 3, [bits_of(-3.0)] * 3]
+    needles = float_streams(3, 0, 1)
+    needles[5].v = finest
+    needles[6] = Stream(7, 6, -14, [[5000, 0, 1], [0, 0, 1], [1, 2, 3]], m=3)
+    vector("finest_rotation", "7.5.7", "the exponent stays at -14; R has more than 24 bits",
+           plain(body=own_body(needles, 3)))
+    lives = float_streams(3, 0, 1)
+    lives[2].v = [[bits_of(v) for v in (2.0 ** -40, 2.0 ** -127, 2.0 ** 60)]]
+    lives[3].v = [[bits_of(v) for v in (0.0, 2.0 ** -130, 0.0)]]
+    for name, e in (("least_displacements", -100), ("greatest_displacements", 100)):
+        lives = [Stream(5, 3, e, [[1, 2, (1 << 32) - 3]] * 3) if s.attribute == 5 else s for s in lives]
+        vector(name, "7.5.4", f"e = {e} over lifespans that no f32 step can be as short as",
+               plain(body=own_body(lives, 3)))
+    vector("truncated_to_2_to_100", "7.5.3", "the greatest float of mapping 2",
+           replaced(Stream(3, 2, 23, [[0, 0, 100]], origin=(1.0,))))
     vector("displacement_clamped", "7.5.4", "lifespans longer than the part",
            replaced(Stream(5, 3, -3, [[2, 3, 4]] * 3, 1)))
     key = Stream(1, 1, -10, [[0, 5, (1 << 40) + 3]], 3, bits=(8,) * 8)
     vector("morton_of_63_bits", "7.4", "a first key, differences of eight digits",
            replaced(key, first_key=(1 << 62) + 12345))
-    colour = Stream(9, 5, -24, [[(1 << 24) - 1] * 3, [0, 1, 2], [5, (1 << 32) - 7, 3]], 0)
-    vector("colour_rounds", "7.5.6", "channels above 2^24 are rounded once", replaced(colour))
+    most = (1 << 22) - 1
+    colour = Stream(9, 5, -24, [[most, (1 << 32) - most, 1], [most, most, 2], [(1 << 32) - most, most, 3]])
+    vector("colour_of_24_bits", "7.5.6", "the greatest channels", replaced(colour))
     linear = coded_streams(5, 0, 40, moment=False)
     vector("linear_time", "7.5.2", "mapping 1 for time", plain(body=own_body(linear, 5)))
 
@@ -461,6 +507,9 @@ def broken_index():
         return File([Part(segments, **part)])
 
     must_fail("chunk", "5.2", "a chunk of 0", plain(chunk=0.0))
+    must_fail("chunk_too_fine", "5.2", "a chunk of 5 + 2^-21 ticks", plain(chunk=5 + 2.0 ** -21))
+    must_fail("chunk_too_long", "5.2", "a chunk of 2^33 ticks", plain(chunk=2.0 ** 33))
+    must_fail("chunk_infinite", "5.2", "a chunk without end", plain(chunk=float("inf")))
     must_fail("index_cut", "5.2", "the index ends in its counts", plain(index=struct.pack("<d", 5.0)))
     must_fail("number_too_long", "1.8", "0 in two bytes",
            plain(index=struct.pack("<d", 5.0) + b"\x80\x00\x00\x00"))
@@ -544,7 +593,7 @@ def broken_segment():
            plain(body=Body(streams[:3] + streams[4:], 3)))
     must_fail("attributes_out_of_order", "6.4", "time before position",
            plain(body=Body([streams[1], streams[0]] + streams[2:], 3)))
-    must_fail("unknown_attribute", "6.5", "attribute 13",
+    must_fail("unknown_attribute", "6.3", "attribute 13",
            plain(body=Body(streams + [Stream(13, 0, 0, [[0, 0, 0]])], 3)))
     must_fail("harmonics_nowhere", "5.7", "left out and not apart",
            plain(body=Body(float_streams(3, 1, 1, which="base"), 3), degree=1))
@@ -555,9 +604,21 @@ def broken_segment():
 
 def broken_streams():
     for name, clause, about, fields in (
-            ("unknown_mapping", "7.1", "mapping 8", dict(mapping=8)),
-            ("unknown_prediction", "7.1", "prediction 4", dict(prediction=4)),
-            ("unknown_coder", "7.1", "coder 3", dict(coder=3)),
+            ("unknown_mapping", "6.3", "mapping 8", dict(mapping=8)),
+            ("unknown_prediction", "6.3", "prediction 4", dict(prediction=4)),
+            ("unknown_coder", "6.3", "coder 3", dict(coder=3)),
+            ("row_too_short", "6.3", "a row that ends in its fields", dict(length=12)),
+            ("row_without_a_kind", "6.3", "a row of five bytes", dict(length=5)),
+            ("row_beyond_the_layout", "6.1", "a row longer than what is left", dict(length=65535)),
+            ("multiplier_of_floats", "7.5.1", "mapping 0 with m = 3", dict(m=3)),
+            ("multiplier_0", "7.5", "m = 0", dict(mapping=1, m=0)),
+            ("multiplier_2", "7.5", "m = 2", dict(mapping=1, m=2)),
+            ("step_too_small", "7.5", "e = -101", dict(mapping=1, e=-101)),
+            ("step_too_great", "7.5", "e = 101", dict(mapping=1, e=101)),
+            ("origin_too_small", "7.5", "an origin of 2^-101", dict(mapping=1, origin=(2.0 ** -101,))),
+            ("origin_too_great", "7.5", "an origin of 2^101", dict(mapping=1, origin=(-2.0 ** 101,))),
+            ("origin_not_a_number", "7.5", "an origin that is no number",
+             dict(mapping=1, origin=(0.0, float("nan")))),
             ("draco_elsewhere", "7.2.1", "an opacity that is coded as only positions may be",
              dict(coder=2, mapping=1, bits=(8, 8, 8))),
             ("float_with_prediction", "7.5.1", "mapping 0, prediction 1", dict(prediction=1)),
@@ -578,7 +639,10 @@ def broken_streams():
             must_fail(name, clause, about, plain(body=own_body(streams, 3)))
         else:
             must_fail(name, clause, about, changed(8, **fields))
-    must_fail("coarse_lifespans", "7.5.3", "mapping 2 with e = 24", changed(3, mapping=2, e=24))
+    must_fail("truncated_from_0", "7.5.3", "mapping 2 from an origin of 0",
+              changed(3, mapping=2, e=20))
+    must_fail("coarse_lifespans", "7.5.3", "mapping 2 with e = 24",
+              changed(3, mapping=2, e=24, origin=(1.0,)))
     must_fail("coarse_rotation", "7.5.5", "mapping 4 with e = 0", replaced(
         Stream(7, 4, 0, [[0] * 3] * 3)))
     for name, clause, about, stored in (
@@ -603,12 +667,24 @@ def broken_streams():
     must_fail("zstd_damaged", "7.2", "a block of a reserved kind", changed(
         8, stored=zstd_frame(b"123456789012").replace(b"\x61\0\0", b"\x67\0\0")))
     must_fail("integer_of_25_bits", "7.5", "2^24", replaced(Stream(8, 1, -24, [[0, 1 << 24, 0]])))
+    must_fail("integer_of_minus_2_to_24", "7.5", "-2^24",
+              replaced(Stream(8, 1, -24, [[0, (1 << 32) - (1 << 24), 0]])))
+    must_fail("multiplied_integer_of_25_bits", "7.5", "3 * 5592406 = 2^24 + 2",
+              replaced(Stream(8, 1, -24, [[0, 5592406, 0]], m=3)))
+    must_fail("colour_of_23_bits", "7.5", "a luma of 2^22",
+              replaced(Stream(9, 5, -24, [[1 << 22, 0, 0], [0] * 3, [0] * 3])))
+    must_fail("multiplied_key", "7.5", "a coordinate of 2^21 - 1 in steps of 9", replaced(
+        Stream(1, 1, 0, [[0, 1, 0]], 3, bits=(8,), m=9), first_key=(1 << 61) - 1))
     must_fail("delta_out_and_back", "7.5", "sums wrap at 32 bits, but one of them has more than 24",
               replaced(Stream(8, 1, -20, [[10, 0xFFFFFFFF, 0xFFFFFFFF]], 2)))
     must_fail("truncated_below_0", "7.5.3", "q = -1",
            replaced(Stream(3, 2, 18, [[1, 1, 0xFFFFFFFF]], origin=(1.0,))))
     must_fail("truncated_infinite", "7.5.3", "the bits of infinity",
            replaced(Stream(3, 2, 23, [[0, 0, 128]], origin=(1.0,))))
+    must_fail("truncated_above_2_to_100", "7.5.3", "the least float above 2^100",
+              replaced(Stream(3, 2, 0, [[0, 0, 1]], origin=(2.0 ** 100,))))
+    must_fail("truncated_integer_of_25_bits", "7.5", "2^24 units in the last place of 1",
+              replaced(Stream(3, 2, 0, [[0, 1 << 24, 0]], origin=(1.0,))))
     must_fail("rotation_without_w", "7.5.5", "x^2 = 2^-2e",
            replaced(Stream(7, 4, -4, [[16, 0, 0], [0, 0, 0], [0, 0, 0]])))
     must_fail("morton_overflow", "7.4", "a key of 2^63", replaced(
@@ -662,17 +738,6 @@ def broken_rans():
     row = good.streams[7].row()
     must_fail("table_not_there", "6.3", "table 1 of 1",
               plain(body=Patched(good, row, row[:-2] + b"\1\0")))
-
-
-class Patched(Body):
-    """A body with some of its bytes replaced."""
-
-    def __init__(self, body, old, new):
-        super().__init__(**vars(body))
-        self.old, self.new = old, new
-
-    def payload(self, level, layer, slot):
-        return super().payload(level, layer, slot).replace(self.old, self.new, 1)
 
 
 for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing, broken_rules,

@@ -146,6 +146,9 @@ class Stream:
     components: int = None
     tables: list = None          # of the layout, one a plane
     digits: list = None          # instead of the digits of v: planes
+    m: int = 1
+    later: bytes = b""           # behind the fields of the row
+    length: int = None           # of the row, that it states
 
     def planes(self):
         if self.digits is not None:
@@ -160,12 +163,13 @@ class Stream:
 
     def row(self):  # 6.3
         components = len(self.v) if self.components is None else self.components
-        out = struct.pack("<H4BbBB", self.attribute, components, self.mapping, self.prediction,
-                          self.coder, self.e, len(self.bits), len(self.origin))
+        out = struct.pack("<H4BbBBB", self.attribute, components, self.mapping, self.prediction,
+                          self.coder, self.e, self.m, len(self.bits), len(self.origin))
         out += bytes(self.bits) + struct.pack(f"<{len(self.origin)}f", *self.origin)
         if self.coder == RANS:
             out += struct.pack(f"<{len(self.tables)}H", *self.tables)
-        return out
+        out += self.later
+        return struct.pack("<H", len(out) if self.length is None else self.length) + out
 
 
 def layouts_payload(tables, layouts):  # 6.2
@@ -212,12 +216,23 @@ class Body:
         out += struct.pack("<Q", checksum(summed) if self.planes_sum is None else self.planes_sum)
         if self.layout == 65535:
             out += layouts_payload(self.tables, [self.streams] * self.own_layouts)
-        if any(s.prediction == 3 for s in self.streams):
+        if any(s.prediction == 3 and s.attribute < 0x8000 for s in self.streams):
             out += struct.pack("<Q", self.first_key)
         out += b"".join(struct.pack("<Q", len(data)) for data in stored) + b"".join(stored)
         if any(s.coder == RANS for s in self.streams):
             out += group(coded, tables, self.n) if self.group is None else self.group
         return out + self.after
+
+
+class Patched(Body):
+    """A body with some of its bytes replaced."""
+
+    def __init__(self, body, old, new):
+        super().__init__(**vars(body))
+        self.old, self.new = old, new
+
+    def payload(self, level, layer, slot):
+        return super().payload(level, layer, slot).replace(self.old, self.new, 1)
 
 
 @dataclass

@@ -7,6 +7,7 @@
 
 #include "layout_plan.h"
 #include "planes.h"
+#include "steps.h"
 
 using namespace stgs;
 
@@ -41,7 +42,7 @@ Integers integers_of(std::vector<std::uint32_t> values) {
   Integers out;
   out.attribute = Attribute::kOpacity;
   out.mapping = Mapping::kLinear;
-  out.exponent = -2;
+  out.step.exponent = -2;
   out.components = 1;
   out.values = std::move(values);
   return out;
@@ -59,6 +60,32 @@ std::vector<std::uint32_t> values_of(const StreamRow& row, const std::vector<std
 }
 
 }  // namespace
+
+TEST_CASE("steps are odd multiples of powers of two, and as near as an octave has them") {
+  for (double octaves = -90.0; octaves < 90.0; octaves += 0.0137) {
+    for (const int in_octave : {kCoarseSteps, kFineSteps}) {
+      const Step near = step_near(octaves, in_octave), below = step_below(octaves, in_octave);
+      REQUIRE(near.multiplier % 2 == 1);
+      REQUIRE(near.multiplier < 2 * in_octave);
+      REQUIRE(std::abs(std::log2(size_of(near)) - octaves) <= 0.75 / in_octave);
+      REQUIRE(std::log2(size_of(below)) <= octaves + 1e-6);
+      REQUIRE(std::log2(size_of(below)) > octaves - 1.5 / in_octave);
+    }
+  }
+  CHECK(step_below(-3.0, kFineSteps) == Step{-3, 1});
+  CHECK(step_near(std::log2(5.0), kCoarseSteps) == Step{0, 5});
+}
+
+TEST_CASE("floats in units of the last place count from 1, which they hold") {
+  for (const Step step : {Step{21, 1}, Step{18, 13}, Step{0, 255}}) {
+    CHECK(from_truncated(truncated_steps(1.0f, step), step) == 1.0f);
+    for (const float x : {1e-3f, 0.37f, 0.999f, 1.7f, 1000.0f}) {
+      const std::int32_t k = truncated_steps(x, step);
+      CHECK(from_truncated(k - 1, step) < x);
+      CHECK(x < from_truncated(k + 1, step));
+    }
+  }
+}
 
 TEST_CASE("planes share tables where that is cheaper than one each") {
   std::mt19937 random(5);

@@ -16,8 +16,14 @@ constexpr std::uint32_t kMostTogether = 4;  // components that make floats toget
 using Reduce = cub::BlockReduce<std::uint64_t, kThreads>;
 using Scan = cub::BlockScan<std::uint64_t, kThreads>;
 
+// 2^e, |e| <= 126.
 __device__ float power_of_two(int e) {
-  return __int_as_float((min(max(e, -126), 127) + 127) << 23);
+  return __int_as_float((e + 127) << 23);
+}
+
+// Exact, and so is its product with an integer in range.
+__device__ float size_of(int multiplier, int exponent) {
+  return __fmul_rn(static_cast<float>(multiplier), power_of_two(exponent));
 }
 
 // A value of a component as its digits have it.
@@ -41,24 +47,25 @@ __device__ std::uint64_t difference_at(const MapJob& job, std::uint32_t componen
                                                : unzigzag(static_cast<std::uint32_t>(value));
 }
 
-__device__ bool in_range(std::uint32_t q) {
-  return (q + (1u << 24)) >> 25 == 0;
+__device__ bool in_range(const MapJob& job, std::uint32_t q) {
+  return q + job.most <= 2 * job.most;
 }
 
 __device__ float number(std::uint32_t q) {
   return static_cast<float>(static_cast<std::int32_t>(q));
 }
 
-__device__ float linear(float origin, int exponent, std::uint32_t q) {
-  return __fadd_rn(origin, __fmul_rn(power_of_two(exponent), number(q)));
+__device__ float linear(const MapJob& job, float origin, std::uint32_t q) {
+  const float step = size_of(job.step.multiplier, job.step.exponent);
+  return __fadd_rn(origin, __fmul_rn(step, number(q)));
 }
 
 // spec 7.5.3.
 __device__ bool truncated(const MapJob& job, std::uint32_t q, float& out) {
   const std::uint32_t first = __float_as_uint(job.origin[0]);
-  if (first >= 0x7F800000) return false;
-  out = __fsub_rn(__uint_as_float(first + (q << job.exponent)), job.origin[1]);
-  return in_range(q) && q <= (0x7F7FFFFF - first) >> job.exponent;
+  const std::uint32_t step = static_cast<std::uint32_t>(job.step.multiplier) << job.step.exponent;
+  out = __fsub_rn(__uint_as_float(first + q * step), job.origin[1]);
+  return in_range(job, q) && q <= (kMostTruncated - first) / step;
 }
 
 // spec 7.5.4.
@@ -66,12 +73,14 @@ __device__ float displacement(const MapJob& job, std::uint32_t i, std::uint32_t 
   const float reach = __fadd_rn(job.radius[i], __fmul_rn(2.0f, job.sigma[i]));
   const float lifespan = job.part_ticks < reach ? job.part_ticks : reach;
   const int life = static_cast<int>(__float_as_uint(lifespan) >> 23 & 0xFF) - 127;
-  return __fmul_rn(number(q), power_of_two(job.exponent - life));
+  const int exponent = job.step.exponent - min(max(life, kLeastLife), kGreatestLife);
+  return __fmul_rn(number(q), size_of(job.step.multiplier,
+                                      min(max(exponent, kLeastExponent), kGreatestExponent)));
 }
 
 // spec 7.5.7.
 __device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
-  int e = job.exponent;
+  int e = job.step.exponent;
   if (job.mapping == Mapping::kShapedRotation) {
     const float* s = job.log_scale + 3 * std::uint64_t{i};
     const float length = __fsub_rn(fmaxf(fmaxf(s[0], s[1]), s[2]), fminf(fminf(s[0], s[1]), s[2]));
@@ -82,14 +91,17 @@ __device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
 }
 
 // spec 7.5.5.
-__device__ bool rotation(int e, const std::uint32_t (&q)[kMostTogether],
+__device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMostTogether],
                          float (&out)[kMostTogether]) {
-  const double x = static_cast<std::int32_t>(q[0]), y = static_cast<std::int32_t>(q[1]),
-               z = static_cast<std::int32_t>(q[2]);
+  const double m = job.step.multiplier;
+  const double x = m * static_cast<std::int32_t>(q[0]), y = m * static_cast<std::int32_t>(q[1]),
+               z = m * static_cast<std::int32_t>(q[2]);
   const double rest = static_cast<double>(power_of_two(-2 * e)) - x * x - y * y - z * z;
   out[0] = __fmul_rn(power_of_two(e), __fsqrt_rn(static_cast<float>(rest > 0.0 ? rest : 0.0)));
-  for (int c = 0; c < 3; ++c) out[c + 1] = __fmul_rn(number(q[c]), power_of_two(e));
-  return rest > 0.0 && in_range(q[0]) && in_range(q[1]) && in_range(q[2]);
+  for (int c = 0; c < 3; ++c) {
+    out[c + 1] = __fmul_rn(number(q[c]), size_of(job.step.multiplier, e));
+  }
+  return rest > 0.0 && in_range(job, q[0]) && in_range(job, q[1]) && in_range(job, q[2]);
 }
 
 // Components that make floats together, and how many floats.
@@ -109,25 +121,25 @@ __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
       return truncated(job, q[0], out[0]);
     case Mapping::kDisplacement:
       out[0] = displacement(job, i, q[0]);
-      return in_range(q[0]);
+      return in_range(job, q[0]);
     case Mapping::kRotation:
     case Mapping::kShapedRotation:
-      return rotation(rotation_exponent(job, i), q, out);
+      return rotation(job, rotation_exponent(job, i), q, out);
     case Mapping::kColour: {
       const std::uint32_t luma = q[0], orange = q[1], chroma = q[2];
-      out[0] = linear(0.0f, job.exponent, luma - chroma + orange);
-      out[1] = linear(0.0f, job.exponent, luma + chroma);
-      out[2] = linear(0.0f, job.exponent, luma - chroma - orange);
-      return in_range(luma) && in_range(orange) && in_range(chroma);
+      out[0] = linear(job, 0.0f, luma - chroma + orange);
+      out[1] = linear(job, 0.0f, luma + chroma);
+      out[2] = linear(job, 0.0f, luma - chroma - orange);
+      return in_range(job, luma) && in_range(job, orange) && in_range(job, chroma);
     }
     case Mapping::kMoment: {
       const std::uint32_t sum = q[0] + static_cast<std::uint32_t>(job.first_moment);
-      out[0] = linear(job.origin[0], job.exponent, sum);
-      return in_range(q[0]) && in_range(sum);
+      out[0] = linear(job, job.origin[0], sum);
+      return in_range(job, q[0]) && in_range(job, sum);
     }
     default:
-      out[0] = linear(job.origin[c % 3], job.exponent, q[0]);
-      return in_range(q[0]);
+      out[0] = linear(job, job.origin[c % 3], q[0]);
+      return in_range(job, q[0]);
   }
 }
 
@@ -206,7 +218,9 @@ __device__ bool map_keys(const MapJob& job, std::uint32_t chunk) {
     good = good && (step | key) >> 63 == 0;
     float v[3];
     for (std::uint32_t axis = 0; axis < 3; ++axis) {
-      v[axis] = linear(job.origin[axis], job.exponent, compact3(key >> axis));
+      const std::uint32_t q = compact3(key >> axis);
+      v[axis] = linear(job, job.origin[axis], q);
+      good = good && in_range(job, q);
       job.to[std::uint64_t{i} * job.stride + axis] = v[axis];
     }
     good = good && drawable(job, v, 3);

@@ -34,7 +34,8 @@ struct MapJob {
   float part_ticks = 0;
   std::int32_t first_moment = 0;
   std::uint32_t primitives = 0, chunks = 0;
-  std::int32_t exponent = 0;
+  Step step;
+  std::uint32_t most = 0;  // of |q|
   std::uint32_t components = 0, stride = 0, digits = 0;
   Attribute attribute = Attribute::kPosition;
   Mapping mapping = Mapping::kFloat;

@@ -221,10 +221,11 @@ class SegmentDecoder::Plan {
     job.first_key = segment.first_key;
     std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
     job.part_ticks = segment.part_ticks;
-    job.first_moment = static_cast<std::int32_t>(first_moment(segment.begin, stream.exponent));
+    job.first_moment = static_cast<std::int32_t>(first_moment(segment.begin, stream.step));
     job.primitives = segment.primitives;
     job.chunks = chunks;
-    job.exponent = stream.exponent;
+    job.step = stream.step;
+    job.most = most_steps(stream.mapping, stream.step.multiplier);
     job.components = static_cast<std::uint32_t>(stream.components);
     job.digits = static_cast<std::uint32_t>(stream.digits);
     job.attribute = stream.attribute;

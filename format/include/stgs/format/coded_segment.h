@@ -30,14 +30,15 @@ enum class Attribute : std::uint16_t {
 };
 inline constexpr std::uint16_t kOptionalAttributes = 0x8000;
 
-// What an integer q means (spec 7.5). A new meaning is a new number.
+// What an integer q means, in steps of multiplier 2^exponent (spec 7.5). A new meaning is a new
+// number.
 enum class Mapping : std::uint8_t {
   kFloat = 0,           // the bits of a float32
-  kLinear = 1,          // origin[c mod 3] + 2^exponent q
-  kTruncated = 2,       // as_float(bits(origin[0]) + q 2^exponent) - origin[1]
-  kDisplacement = 3,    // 2^(exponent - log2 of the lifespan) q
-  kRotation = 4,        // vector part of a unit quaternion in units of 2^exponent
-  kColour = 5,          // 2^exponent times the channels of luma and two chroma integers
+  kLinear = 1,          // origin[c mod 3] + step q
+  kTruncated = 2,       // as_float(bits(origin[0]) + step q) - origin[1]
+  kDisplacement = 3,    // step q / 2^(log2 of the lifespan)
+  kRotation = 4,        // vector part of a unit quaternion in steps
+  kColour = 5,          // the channels of luma and two chroma integers, in steps
   kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
   kMoment = 7,          // kLinear, from the beginning of the segment on
 };
@@ -50,8 +51,29 @@ enum class Prediction : std::uint8_t {
 };
 
 inline constexpr std::size_t kMaxDigits = 16;
-// Exponents of a rotation's step.
-inline constexpr int kFinestRotation = -12, kCoarsestRotation = -1;
+// Exponents of steps (spec 7.5): between these no result is subnormal or infinite, and every
+// product is exact, so that decoders that flush the ones or fuse the others give the same bits.
+inline constexpr int kLeastExponent = -100, kGreatestExponent = 100;
+// Of a rotation's step.
+inline constexpr int kFinestRotation = -14, kCoarsestRotation = -1;
+// Of the lifespan that scales a displacement (spec 7.5.4).
+inline constexpr int kLeastLife = -32, kGreatestLife = 32;
+// Of the floats that kTruncated makes, bits of the greatest: 2^100.
+inline constexpr std::uint32_t kMostTruncated = 0x71800000;
+
+// A step of integers, multiplier 2^exponent.
+struct Step {
+  int exponent = 0;
+  int multiplier = 1;  // 1 to 255, odd
+  bool operator==(const Step&) const = default;
+};
+
+// The greatest |q| of a mapping with this multiplier: products below 2^24, and of colours below
+// 2^22, of which a channel has three.
+STGS_FN std::uint32_t most_steps(Mapping mapping, int multiplier) {
+  const std::uint32_t most = (1u << (mapping == Mapping::kColour ? 22 : 24)) - 1;
+  return most / static_cast<std::uint32_t>(multiplier);
+}
 
 // One digit of one component of all primitives of a record.
 struct CodedPlane {
@@ -70,7 +92,7 @@ struct CodedStream {
   Attribute attribute = Attribute::kPosition;
   Mapping mapping = Mapping::kFloat;
   Prediction prediction = Prediction::kPlain;
-  int exponent = 0;
+  Step step;
   std::size_t components = 0;                         // of the planes
   std::size_t digits = 0;                             // of a value, lowest first
   std::array<std::uint8_t, kMaxDigits> digit_bits{};  // of each
@@ -114,6 +136,6 @@ STGS_FN std::uint32_t compact3(std::uint64_t v) {
 }
 
 // The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
-std::int64_t first_moment(double begin, int exponent);
+std::int64_t first_moment(double begin, Step step);
 
 }  // namespace stgs
