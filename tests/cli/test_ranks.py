@@ -126,7 +126,7 @@ class Ranks(CliTest):
                        good)
 
     def test_what_both_see_is_told_once(self):
-        self.both_fail(IO, "error: none/capture.json", self.train(capture="none"))
+        self.both_fail(IO, "error: none: no such file or folder", self.train(capture="none"))
         self.both_fail(IO, "error: none.ckpt", self.train("--resume", "none.ckpt"))
 
     def test_both_must_be_started_alike(self):
