@@ -36,9 +36,7 @@ class FileSource final : public ByteSource {
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (offset > size_ || out.size() > size_ - offset) {
-      return past_the_end(name_, offset, out.size(), size_);
-    }
+    STGS_TRY(check_range(name_, size_, offset, out.size()));
     std::size_t done = 0;
     while (done < out.size()) {
       const ssize_t got =
@@ -66,9 +64,7 @@ class MemorySource final : public ByteSource {
   const std::string& name() const override { return name_; }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (offset > bytes_.size() || out.size() > bytes_.size() - offset) {
-      return past_the_end(name_, offset, out.size(), bytes_.size());
-    }
+    STGS_TRY(check_range(name_, bytes_.size(), offset, out.size()));
     std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
     return {};
   }
@@ -79,6 +75,12 @@ class MemorySource final : public ByteSource {
 };
 
 }  // namespace
+
+Status check_range(const std::string& name, std::uint64_t size, std::uint64_t offset,
+                   std::uint64_t bytes) {
+  if (offset > size || bytes > size - offset) return past_the_end(name, offset, bytes, size);
+  return {};
+}
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);

@@ -219,6 +219,11 @@ class Verbs(unittest.TestCase):
             self.assertEqual(run.returncode, 2)
             self.assertRegex(run.stderr, rb"error: http://\S+: the server answers 404")
 
+    def test_other_urls_are_refused(self):
+        run = self.stgs("info", "ftp://127.0.0.1/scene.stgs")
+        self.assertEqual(run.returncode, 1)
+        self.assertRegex(run.stderr, b"ftp://127.0.0.1/scene.stgs: only URLs that begin with http")
+
     def test_an_interrupt_ends_waiting(self):
         with FaultyServer(b"", [{"delay": 60}]) as server:
             run = subprocess.Popen([STGS, "info", server.url], stderr=subprocess.PIPE)

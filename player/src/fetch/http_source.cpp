@@ -62,11 +62,7 @@ class Http final : public HttpSource {
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (offset > size_ || out.size() > size_ - offset) {
-      return invalid_file(
-          "{}: needs bytes {} to {}, but the file has only {} bytes: it is truncated", name_,
-          offset, offset + out.size(), size_);
-    }
+    STGS_TRY(check_range(name_, size_, offset, out.size()));
     if (out.empty()) return {};
     if (offset + out.size() <= head_.size()) {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());

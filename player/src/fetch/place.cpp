@@ -9,6 +9,9 @@ bool is_url(const std::string& place) {
 
 Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,
                                                const HttpSettings& settings) {
+  if (!is_url(place) && place.find("://") != std::string::npos) {
+    return usage_error("{}: only URLs that begin with http:// or https:// can be read", place);
+  }
   if (!is_url(place)) return open_file(place);
   STGS_ASSIGN(std::unique_ptr<HttpSource> source, open_url(place, settings));
   return std::unique_ptr<ByteSource>(std::move(source));

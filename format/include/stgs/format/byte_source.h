@@ -25,6 +25,10 @@ class ByteSource {
   virtual const std::string& name() const = 0;
 };
 
+// An error where the source, `size` bytes long, ends before `bytes` from `offset` on do.
+Status check_range(const std::string& name, std::uint64_t size, std::uint64_t offset,
+                   std::uint64_t bytes);
+
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 // Takes the bytes.
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes,

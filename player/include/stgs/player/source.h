@@ -61,7 +61,7 @@ bool is_url(const std::string& place);
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url,
                                              const HttpSettings& settings = {});
 
-// open_url or open_file.
+// open_url or open_file. Another kind of URL is an error (kUsage).
 Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,
                                                const HttpSettings& settings = {});
 
