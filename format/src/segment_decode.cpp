@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // From the bytes of a segment's records to planes, and from these to primitives (spec 7).
 #include <algorithm>
+#include <memory>
 #include <optional>
 
 #include "draco_points.h"
@@ -36,8 +37,9 @@ const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t>
 
 // The planes of a record, decoded.
 struct DecodedPlanes {
-  std::vector<std::uint8_t> symbols;       // of the planes that are no constants, in their order
-  std::vector<std::vector<Plane>> planes;  // by row; none for a row that is skipped
+  std::unique_ptr<std::uint8_t[]> symbols;  // of the planes that are no constants, in their order
+  std::size_t size = 0;                     // of these
+  std::vector<std::vector<Plane>> planes;   // by row; none for a row that is skipped
 };
 
 // Decodes the streams of a record of n primitives.
@@ -79,7 +81,8 @@ class RecordDecoder {
   }
 
   bool decode(DecodedPlanes& out) {
-    out.symbols.resize(n_ * layout_.varying_planes(set_));
+    out.size = n_ * layout_.varying_planes(set_);
+    out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(out.size);
     const std::vector<std::span<std::uint8_t>> places = place_planes(out);
     if (!decode_bytes(places)) return false;
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
@@ -90,7 +93,7 @@ class RecordDecoder {
       corrupt("rANS", "a block does not end as it must");
       return false;
     }
-    if (checksum(out.symbols) == record_.checksum) return true;
+    if (checksum({out.symbols.get(), out.size}) == record_.checksum) return true;
     findings_.error(N::kStreamChecksum, record_.payload_at, "segment {}: decoded planes are wrong",
                     ordinal_);
     return false;
@@ -162,7 +165,7 @@ class RecordDecoder {
   // Where the planes of each row are to be decoded.
   std::vector<std::span<std::uint8_t>> place_planes(DecodedPlanes& out) const {
     std::vector<std::span<std::uint8_t>> places;
-    std::uint8_t* at = out.symbols.data();
+    std::uint8_t* at = out.symbols.get();
     for (const StreamRow& row : layout_.streams) {
       std::uint8_t* const begin = at;
       std::vector<Plane>& planes = out.planes.emplace_back();

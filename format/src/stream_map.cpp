@@ -137,6 +137,11 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
         carries[k][c] += carries[k - tasks.size()][c];
     }
   }
+  std::uint32_t floats = 0;
+  for (const StreamTask& task : tasks) {
+    if (static_cast<Mapping>(task.row->mapping) != Mapping::kFloat) continue;
+    floats |= attribute_bit(static_cast<Attribute>(task.row->attribute));
+  }
   std::vector<std::uint8_t> bad(chunks * (tasks.size() + 1), 0);
   const auto map_chunk = [&](std::size_t chunk) {
     const std::size_t end = std::min(n, (chunk + 1) * kGrain);
@@ -147,7 +152,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
         std::uint64_t* const carry = carries[chunk * tasks.size() + t].data();
         if (!map_task(tasks[t], context, first, last, carry, set)) found[t] = 1;
       }
-      if (!can_be_drawn(set, first, last)) found[tasks.size()] = 1;
+      if (!can_be_drawn(set, floats, first, last)) found[tasks.size()] = 1;
     }
   };
   if (chunks == 1) {

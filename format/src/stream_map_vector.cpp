@@ -19,6 +19,8 @@ HWY_BEFORE_NAMESPACE();
 namespace stgs::HWY_NAMESPACE {
 namespace {
 
+namespace hn = hwy::HWY_NAMESPACE;
+
 constexpr std::size_t kBlock = 64;          // primitives: the harmonics that they get fit a cache
 constexpr std::size_t kAhead = 2 * kBlock;  // symbols of a plane between their fetch and their use
 using Numbers = std::uint32_t[kBlock];
@@ -62,13 +64,30 @@ HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t firs
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
 }
 
+// Makes of each number the sum of `before` and all up to it; returns the last.
+HWY_INLINE std::uint32_t running_sums(std::uint32_t before, Numbers& q) {
+#if HWY_TARGET == HWY_SCALAR
+  for (std::uint32_t& v : q) v = before += v;
+  return before;
+#else
+  const hn::FixedTag<std::uint32_t, 4> d;
+  auto carry = hn::Set(d, before);
+  for (std::size_t i = 0; i < kBlock; i += 4) {
+    auto v = hn::Load(d, q + i);
+    v = hn::Add(v, hn::ShiftLeftLanes<1>(d, v));
+    v = hn::Add(v, hn::ShiftLeftLanes<2>(d, v));
+    v = hn::Add(v, carry);
+    hn::Store(v, d, q + i);
+    carry = hn::Broadcast<3>(v);
+  }
+  return hn::GetLane(carry);
+#endif
+}
+
 HWY_INLINE void undo_prediction(Prediction prediction, std::uint64_t& carry, Numbers& q) {
   if (prediction == Prediction::kPlain) return;
   for (std::size_t i = 0; i < kBlock; ++i) q[i] = unzigzag(q[i]);
-  if (prediction == Prediction::kZigzag) return;
-  auto sum = static_cast<std::uint32_t>(carry);
-  for (std::size_t i = 0; i < kBlock; ++i) q[i] = sum += q[i];
-  carry = sum;
+  if (prediction == Prediction::kDelta) carry = running_sums(static_cast<std::uint32_t>(carry), q);
 }
 
 // Whether all |q| are `most` at most.
@@ -124,8 +143,8 @@ HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set,
 
 // w, x, y, z: R is exact in doubles, its rounding to single precision and its square root are
 // correct (spec 7.5.5).
-HWY_INLINE bool map_rotation(int multiplier, const Numbers (&q)[3], const int (&exponents)[kBlock],
-                             Floats (&out)[4]) {
+HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&exponents)[kBlock],
+                             Floats* out) {
   std::uint32_t bad = 0;
   const double m = multiplier;
   for (std::size_t i = 0; i < kBlock; ++i) {
@@ -150,7 +169,7 @@ HWY_INLINE bool map_rotation(int multiplier, const Numbers (&q)[3], const int (&
 }
 
 // Channels from luma and chroma, in integers (spec 7.5.6).
-HWY_INLINE void map_colour(const StreamRow& row, const Numbers (&q)[3], Floats (&out)[4]) {
+HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) {
   Numbers red, green, blue;
   for (std::size_t i = 0; i < kBlock; ++i) {
     const std::uint32_t luma = q[0][i], orange = q[1][i], chroma = q[2][i];
@@ -169,6 +188,48 @@ HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::siz
   for (std::size_t i = 0; i < count; ++i, to += stride) {
     for (std::size_t c = 0; c < kCount; ++c) to[c] = from[c][i];
   }
+}
+
+// Four floats of four primitives each, turned from one row a component to one a primitive.
+HWY_INLINE void store_square(const Floats* from, std::size_t i, float* to, std::size_t stride) {
+#if HWY_TARGET == HWY_SCALAR
+  for (std::size_t k = 0; k < 4; ++k, to += stride) {
+    for (std::size_t c = 0; c < 4; ++c) to[c] = from[c][i + k];
+  }
+#else
+  const hn::FixedTag<float, 4> f;
+  const hn::FixedTag<std::uint64_t, 2> two;
+  const auto a = hn::Load(f, from[0] + i), b = hn::Load(f, from[1] + i);
+  const auto c = hn::Load(f, from[2] + i), d = hn::Load(f, from[3] + i);
+  const auto ab = hn::BitCast(two, hn::InterleaveLower(f, a, b));
+  const auto cd = hn::BitCast(two, hn::InterleaveLower(f, c, d));
+  const auto ab_high = hn::BitCast(two, hn::InterleaveUpper(f, a, b));
+  const auto cd_high = hn::BitCast(two, hn::InterleaveUpper(f, c, d));
+  hn::StoreU(hn::BitCast(f, hn::InterleaveLower(two, ab, cd)), f, to);
+  hn::StoreU(hn::BitCast(f, hn::InterleaveUpper(two, ab, cd)), f, to + stride);
+  hn::StoreU(hn::BitCast(f, hn::InterleaveLower(two, ab_high, cd_high)), f, to + 2 * stride);
+  hn::StoreU(hn::BitCast(f, hn::InterleaveUpper(two, ab_high, cd_high)), f, to + 3 * stride);
+#endif
+}
+
+// `width` floats of each primitive, four or more; the last four may overlap those before them.
+HWY_INLINE void store_wide(const Floats* from, std::size_t width, std::size_t count, float* to,
+                           std::size_t stride) {
+  std::size_t i = 0;
+  for (; i + 4 <= count; i += 4, to += 4 * stride) {
+    for (std::size_t c = 0; c + 4 < width; c += 4) store_square(from + c, i, to + c, stride);
+    store_square(from + width - 4, i, to + width - 4, stride);
+  }
+  for (; i < count; ++i, to += stride) {
+    for (std::size_t c = 0; c < width; ++c) to[c] = from[c][i];
+  }
+}
+
+HWY_INLINE void store_all(const Floats* from, std::size_t width, std::size_t count, float* to,
+                          std::size_t stride) {
+  if (width == 1) return store<1>(from, count, to, stride);
+  if (width == 3) return store<3>(from, count, to, stride);
+  store_wide(from, width, count, to, stride);
 }
 
 // A block of one component, of which `count` numbers are meant.
@@ -200,8 +261,8 @@ bool map_component(const StreamRow& row, int component, std::int64_t base, const
 }
 
 // Three components that make three or four floats together.
-bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers (&q)[3],
-               Floats (&out)[4]) {
+bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers* q,
+               Floats* out) {
   const std::uint32_t most = most_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
   const bool good = in_range(q[0], most) && in_range(q[1], most) && in_range(q[2], most);
   if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
@@ -228,35 +289,34 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const std::int64_t base = first_moment(context.begin, row.step);
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool together = rotation || mapping == Mapping::kColour;
+  const std::size_t width = rotation ? 4 : row.components;
   HWY_ALIGN Numbers q[3];
-  HWY_ALIGN Floats floats[4], steps;
+  HWY_ALIGN Floats floats[kMostComponents], steps;
   HWY_ALIGN int exponents[kBlock];
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
-    float* const to = view.data + first * view.stride;
     if (rotation) rotation_exponents(row, set, first, count, exponents);
     if (mapping == Mapping::kDisplacement)
       displacement_steps(row, set, context.part_ticks, first, count, steps);
     for (std::size_t c = 0; c < row.components; ++c) {
       if (c % 3 == 0 && mapping == Mapping::kColour &&
           all_zero(task.planes + c * row.digits, std::size_t{3} * row.digits)) {
-        c += 2;  // as the set is
+        std::fill(&floats[c][0], &floats[c][0] + 3 * kBlock, 0.0f);
+        c += 2;
         continue;
       }
       Numbers& block = q[together ? c % 3 : 0];
       load(row, task.planes + c * row.digits, first, count, block);
       undo_prediction(prediction, carry[c], block);
-      std::fill(block + count, block + kBlock, block[count - 1]);
+      if (count < kBlock) std::fill(block + count, block + kBlock, block[count - 1]);
       if (!together) {
-        good &= map_component(row, static_cast<int>(c), base, steps, count, block, floats[0]);
-        store<1>(floats, count, to + c, view.stride);
+        good &= map_component(row, static_cast<int>(c), base, steps, count, block, floats[c]);
       } else if (c % 3 == 2) {
-        good &= map_three(row, exponents, q, floats);
-        rotation ? store<4>(floats, count, to, view.stride)
-                 : store<3>(floats, count, to + c - 2, view.stride);
+        good &= map_three(row, exponents, q, floats + (c - 2));
       }
     }
+    store_all(floats, width, count, view.data + first * view.stride, view.stride);
   }
   return good;
 }
@@ -328,8 +388,8 @@ bool all_finite(const std::vector<float>& values, std::size_t begin, std::size_t
   return bad == 0;
 }
 
-bool can_be_drawn(const Gaussians4D& set, std::size_t begin, std::size_t end) {
-  const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
+bool can_be_drawn(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
+                  std::size_t end) {
   std::uint32_t bad = 0;
   for (std::size_t i = begin; i < end; ++i) {
     bad |= set.sigma[i] > 0.0f ? 0u : 1u;
@@ -337,12 +397,22 @@ bool can_be_drawn(const Gaussians4D& set, std::size_t begin, std::size_t end) {
     const float* q = set.rotation.data() + 4 * i;
     bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
   }
-  return bad == 0 && all_finite(set.position, 3 * begin, 3 * end) &&
-         all_finite(set.log_scale, 3 * begin, 3 * end) &&
-         all_finite(set.rotation, 4 * begin, 4 * end) &&
-         all_finite(set.opacity_logit, begin, end) && all_finite(set.sh, sh * begin, sh * end) &&
-         all_finite(set.time, begin, end) && all_finite(set.velocity, 3 * begin, 3 * end) &&
-         all_finite(set.sigma, begin, end) && all_finite(set.radius, begin, end);
+  const auto finite = [&](Attribute attribute, const std::vector<float>& values,
+                          std::size_t width) {
+    return (floats & attribute_bit(attribute)) == 0 ||
+           all_finite(values, width * begin, width * end);
+  };
+  const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
+  const std::uint32_t any_sh = attribute_bit(Attribute::kSh0) | attribute_bit(Attribute::kSh1) |
+                               attribute_bit(Attribute::kSh2) | attribute_bit(Attribute::kSh3);
+  return bad == 0 && finite(Attribute::kPosition, set.position, 3) &&
+         finite(Attribute::kTime, set.time, 1) && finite(Attribute::kSigma, set.sigma, 1) &&
+         finite(Attribute::kRadius, set.radius, 1) &&
+         finite(Attribute::kVelocity, set.velocity, 3) &&
+         finite(Attribute::kLogScale, set.log_scale, 3) &&
+         finite(Attribute::kRotation, set.rotation, 4) &&
+         finite(Attribute::kOpacity, set.opacity_logit, 1) &&
+         ((floats & any_sh) == 0 || all_finite(set.sh, sh * begin, sh * end));
 }
 
 }  // namespace
@@ -365,8 +435,9 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   HWY_DYNAMIC_DISPATCH(sum_task)(task, begin, end, sums);
 }
 
-bool can_be_drawn(const Gaussians4D& set, std::size_t begin, std::size_t end) {
-  return HWY_DYNAMIC_DISPATCH(can_be_drawn)(set, begin, end);
+bool can_be_drawn(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
+                  std::size_t end) {
+  return HWY_DYNAMIC_DISPATCH(can_be_drawn)(set, floats, begin, end);
 }
 
 }  // namespace stgs
