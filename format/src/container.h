@@ -192,14 +192,10 @@ struct FileHead {
   std::vector<PrivateName> private_names;
   std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
 
+  // Whether a record is there (spec 2.6), if it is one.
   bool has(const IndexEntry& entry) const {
-    return entry.offset <= there && entry.bytes <= there - entry.offset;
+    return entry.bytes == 0 || (entry.offset <= there && entry.bytes <= there - entry.offset);
   }
-  // Whether a segment's records are there (spec 2.6); without harmonics it may be anything.
-  bool has(const SegmentEntry& segment) const {
-    return has(segment.base) && (segment.harmonics.bytes == 0 || has(segment.harmonics));
-  }
-
   bool growing() const { return (header.flags & kGrowing) != 0; }
 };
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,

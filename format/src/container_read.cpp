@@ -326,12 +326,15 @@ namespace {
 // The head is there: so are the segments up to the file's end (spec 2.6).
 void report_truncation(const FileHead& head, Findings& findings) {
   const std::vector<SegmentEntry>& segments = head.index.segments;
-  const auto lost = std::count_if(segments.begin(), segments.end(),
-                                  [&head](const SegmentEntry& s) { return !head.has(s); });
+  std::size_t lost = 0, plain = 0;
+  for (const SegmentEntry& segment : segments) {
+    lost += head.has(segment.base) ? 0 : 1;
+    plain += head.has(segment.base) && !head.has(segment.harmonics) ? 1 : 0;
+  }
   findings.damage(N::kFileSize, 16,
                   "the file is truncated: {} bytes instead of {}; of its {} segments {} are not "
-                  "there whole; copy or fetch it again",
-                  head.there, head.header.file_bytes, segments.size(), lost);
+                  "there, and {} are there without their harmonics; copy or fetch it again",
+                  head.there, head.header.file_bytes, segments.size(), lost, plain);
 }
 
 }  // namespace

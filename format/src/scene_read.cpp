@@ -20,7 +20,7 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
     const Interval interval = interval_of(head, segment);
     out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
                    base.bytes, segment.part, tier_of(base.layer), harmonics.offset, harmonics.bytes,
-                   head.has(segment)});
+                   head.has(base), head.has(harmonics)});
   }
   return out;
 }
@@ -68,7 +68,7 @@ class Reader final : public SceneReader {
   double complete_ticks() const override {
     double ticks = metadata().frames;
     for (const SegmentInfo& segment : segments_) {
-      if (!segment.there) ticks = std::min(ticks, segment.begin_ticks);
+      if (!segment.there || !segment.harmonics_there) ticks = std::min(ticks, segment.begin_ticks);
     }
     return ticks;
   }
@@ -310,6 +310,22 @@ const char* profile_name(Profile profile) {
       break;
   }
   return "unknown";
+}
+
+Result<Gaussians4D> SceneReader::decode_sound(std::uint32_t segment, Status& lost) const {
+  lost = {};
+  if (segment < segments().size() && !segments()[segment].harmonics_there) {
+    lost = invalid_file("segment {}: its harmonics are not there, the file is truncated", segment);
+    return decode(segment, false);
+  }
+  Result<Gaussians4D> whole = decode(segment, true);
+  const StatusCode code = whole.status().code();
+  const bool of_the_file = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
+  if (!of_the_file || segments()[segment].harmonics_bytes == 0) return whole;
+  Result<Gaussians4D> base = decode(segment, false);
+  if (!base.ok()) return base;
+  lost = whole.status();
+  return base;
 }
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,

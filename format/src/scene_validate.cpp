@@ -201,18 +201,30 @@ void walk_head_records(const ByteSource& source, const FileHead& head, Findings&
   }
 }
 
+// What there is of a segment, and its primitives even where its harmonics are damaged.
+void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
+                   Findings& findings) {
+  const SegmentEntry& segment = head.index.segments[ordinal];
+  if (!head.has(segment.base)) return;  // a file that is truncated: reported
+  const bool whole = head.has(segment.harmonics);
+  SegmentRecords records;
+  Gaussians4D set;
+  bool good = read_segment(source, head, ordinal, whole, records, findings);
+  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+    check_private_layouts(record->own, record->payload_at, head, findings);
+  }
+  good = good && decode_segment(records, head, ordinal, set, findings);
+  if (!good && whole && segment.harmonics.bytes > 0) {
+    Findings reported;
+    good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
+           decode_segment(records, head, ordinal, set = {}, reported);
+  }
+  if (good) check_values(set, head, ordinal, findings);
+}
+
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
-    if (!head.has(head.index.segments[i])) continue;  // a file that is truncated: reported
-    SegmentRecords records;
-    Gaussians4D set;
-    const bool read = read_segment(source, head, i, true, records, findings);
-    for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
-      check_private_layouts(record->own, record->payload_at, head, findings);
-    }
-    if (read && decode_segment(records, head, i, set, findings)) {
-      check_values(set, head, i, findings);
-    }
+    check_segment(source, head, i, findings);
   }
   check_further(source, head, findings);
   walk_body(source, head, findings);

@@ -6,6 +6,7 @@
 #include <exception>
 #include <limits>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "stgs/format/math/blend.h"
@@ -65,8 +66,8 @@ void find_candidates(Held& held, float ticks) {
 class SegmentTimeline final : public Timeline {
  public:
   SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
-                  Truncated truncated)
-      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), truncated_(truncated) {
+                  Damaged damaged)
+      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), damaged_(damaged) {
     std::uint32_t base = 0;
     for (const SegmentInfo& segment : reader_->segments()) {
       id_base_.push_back(base);
@@ -83,6 +84,7 @@ class SegmentTimeline final : public Timeline {
   double complete_seconds() const override {
     return metadata().time_base.seconds(reader_->complete_ticks());
   }
+  const std::vector<Loss>& losses() const override { return losses_; }
   std::uint64_t memory_bytes() const override { return bytes_; }
   std::uint64_t stored_primitives() const override { return primitives_; }
 
@@ -93,14 +95,18 @@ class SegmentTimeline final : public Timeline {
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
     auto needed = reader_->segments_between(active.ticks, active.ticks);
-    if (truncated_ == Truncated::kPassOver) {
-      const auto is_missing = [this](std::uint32_t s) { return !reader_->segments()[s].there; };
-      needed.erase(std::remove_if(needed.begin(), needed.end(), is_missing), needed.end());
-    }
     std::sort(needed.begin(), needed.end());
     ++call_;
     try {
-      STGS_TRY(hold(needed, seconds));
+      STGS_TRY(hold(without_lost(needed), seconds));
+      const std::vector<std::uint32_t> all = std::exchange(needed, without_lost(needed));
+      if (needed.empty() && !all.empty()) {
+        const Status& reason = losses_[lost_.at(all.front())].reason;
+        return Status(reason.code(),
+                      fmt::format("nothing of what is alive at {:.6g} s can be read: "
+                                  "{}",
+                                  seconds, reason.message()));
+      }
       std::vector<Held*> held;
       for (std::uint32_t segment : needed) held.push_back(&held_.at(segment));
       const auto moment_in = [&](std::size_t i) {
@@ -123,10 +129,18 @@ class SegmentTimeline final : public Timeline {
 
  private:
   std::uint64_t bytes_of(std::uint32_t segment) const {
+    if (!reader_->segments()[segment].there) return 0;
     return held_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
   }
 
-  // Makes the segments (ascending) present, and drops others where the budget asks for it.
+  std::vector<std::uint32_t> without_lost(std::vector<std::uint32_t> segments) const {
+    const auto is_lost = [this](std::uint32_t s) { return lost_.count(s) != 0; };
+    segments.erase(std::remove_if(segments.begin(), segments.end(), is_lost), segments.end());
+    return segments;
+  }
+
+  // Makes the segments (ascending) present, and drops others where the budget asks for it; some of
+  // them may be lost instead.
   Status hold(const std::vector<std::uint32_t>& needed, double seconds) {
     std::vector<std::uint32_t> missing;
     std::uint64_t together = 0, more = 0;
@@ -163,9 +177,10 @@ class SegmentTimeline final : public Timeline {
 
   Status decode(const std::vector<std::uint32_t>& missing) {
     std::vector<Held> fresh(missing.size());
-    std::vector<Status> results(missing.size());
+    std::vector<Status> results(missing.size()), harmonics(missing.size());
     parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
-      auto set = reader_->decode(missing[i]);
+      auto set = damaged_ == Damaged::kRefuse ? reader_->decode(missing[i])
+                                              : reader_->decode_sound(missing[i], harmonics[i]);
       if (!set.ok()) {
         results[i] = set.status();
         return;
@@ -173,8 +188,12 @@ class SegmentTimeline final : public Timeline {
       fresh[i].set = std::move(set).value();
       compute_supports(fresh[i]);
     });
-    for (const Status& status : results) STGS_TRY(status);
+    for (const Status& status : results) {
+      if (!can_pass_over(status)) return status;
+    }
     for (std::size_t i = 0; i < missing.size(); ++i) {
+      note_loss(missing[i], results[i], harmonics[i]);
+      if (!results[i].ok()) continue;
       fresh[i].used = call_;
       bytes_ += bytes_of(missing[i]);
       primitives_ += fresh[i].set.size();
@@ -183,10 +202,27 @@ class SegmentTimeline final : public Timeline {
     return {};
   }
 
+  // What the file is to blame for; another try would find the same.
+  bool can_pass_over(const Status& status) const {
+    return status.ok() ||
+           (damaged_ == Damaged::kPassOver && (status.code() == StatusCode::kInvalidFile ||
+                                               status.code() == StatusCode::kUnsupported));
+  }
+
+  void note_loss(std::uint32_t segment, const Status& base, const Status& harmonics) {
+    if (base.ok() && harmonics.ok()) return;
+    if (base.ok() && !plain_.insert(segment).second) return;  // decoded again
+    if (!base.ok()) lost_.emplace(segment, losses_.size());
+    losses_.push_back({segment, base.ok(), base.ok() ? harmonics : base});
+  }
+
   std::string name_;
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
-  Truncated truncated_ = Truncated::kRefuse;
+  Damaged damaged_ = Damaged::kRefuse;
+  std::vector<Loss> losses_;
+  std::map<std::uint32_t, std::size_t> lost_;  // segments of which nothing is drawn: their losses
+  std::set<std::uint32_t> plain_;              // those drawn without their harmonics
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
   std::vector<std::uint32_t> id_base_;
   std::map<std::uint32_t, Held> held_;
@@ -195,16 +231,16 @@ class SegmentTimeline final : public Timeline {
 }  // namespace
 
 Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& place,
-                                                 std::uint64_t memory_budget, Truncated truncated) {
+                                                 std::uint64_t memory_budget, Damaged damaged) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place));
   STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
-  return over(std::move(reader), place, memory_budget, truncated);
+  return over(std::move(reader), place, memory_budget, damaged);
 }
 
 std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
                                          const std::string& name, std::uint64_t memory_budget,
-                                         Truncated truncated) {
-  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, truncated);
+                                         Damaged damaged) {
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, damaged);
 }
 
 }  // namespace stgs::player

@@ -36,11 +36,14 @@ def describe(data, limits, integers=False):
         refuse("damage ", error)
     for i, tier in enumerate(file.tiers):
         try:
-            for attribute, (q, floats) in sorted(decode_tier(file, tier).items()):
+            streams, lost = decode_tier(file, tier)
+            for attribute, (q, floats) in sorted(streams.items()):
                 line = f"segment {i} {NAMES[attribute]} {checksum(floats.astype('<f4').tobytes()):016x}"
                 if integers:
                     line += f" {checksum(np.array(q, dtype='<i8').tobytes()):016x}"
                 lines.append(line)
+            if lost:  # the harmonics are 0 (5.7)
+                refuse(f"segment {i} harmonics ", lost)
         except Refused as error:
             refuse(f"segment {i} ", error)
     try:

@@ -8,28 +8,34 @@ import zstandard
 
 import rans
 from container import floats_bytes, known, present, record_at
-from fields import Fields, checksum, need
+from fields import Fields, Refused, checksum, need
 from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
 
 F32 = np.float32
 
 
 def decode_tier(file, tier):
-    """{attribute: (integers, floats)}; integers has a row a component, floats one a primitive."""
-    records = [(tier.base, 0)] + [(tier.harmonics, 1)] * (tier.harmonics is not None)
+    """{attribute: (integers, floats)}, and why there are none of its harmonics, or None (5.7). integers
+    has a row a component, floats one a primitive."""
     memory = file.limits.max_memory - floats_bytes(file, tier)  # conformance.md 1.5
-    opened = []
-    for record in records:
-        opened.append(open_record(file, tier, *record, memory))
-        memory = opened[-1][-1]
+    base = open_record(file, tier, tier.base, 0, memory)
     need(file.degree > 0 or tier.harmonics is None, "5.7", "harmonics apart where there are none")
     if file.degree > 0:  # 5.7
-        need(opened[0][2] == (tier.harmonics is not None), "5.7", "harmonics stored twice or nowhere")
+        need(base[2] == (tier.harmonics is not None), "5.7", "harmonics stored twice or nowhere")
+    out = decoded(file, tier, base)
+    if tier.harmonics is None:
+        return out, None
+    try:
+        rest = open_record(file, tier, tier.harmonics, 1, base[-1])
+        return {**out, **decoded(file, tier, rest)}, None
+    except Refused as error:
+        return out, error
+
+
+def decoded(file, tier, record):
+    check_sizes(record, tier.n)  # of all streams, before memory is taken for the primitives
     out = {}
-    for record in opened:  # the sizes of all streams, before memory is taken for the primitives
-        check_sizes(record, tier.n)
-    for record in opened:
-        decode_record(file, tier, record, out)
+    decode_record(file, tier, record, out)
     for attribute, (_, floats) in out.items():
         check_values(attribute, floats)
     return out

@@ -145,15 +145,20 @@ TEST_CASE("what is there of a truncated file can be read") {
       double complete = 30;
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
         const SegmentInfo& s = segments[i];
-        const bool there =
-            s.offset + s.bytes <= size && s.harmonics_offset + s.harmonics_bytes <= size;
-        if (!there) complete = std::min(complete, s.begin_ticks);
+        const bool there = s.offset + s.bytes <= size;
+        const bool all = there && s.harmonics_offset + s.harmonics_bytes <= size;
+        if (!all) complete = std::min(complete, s.begin_ticks);
         const auto set = (*reader)->decode(i);
-        if (s.there != there || set.ok() != there) FAIL(size << " bytes, segment " << i);
-        if (there && set->position != positions[i]) FAIL("other positions at " << size);
-        if (!there && set.status().message().find("issue 106") == std::string::npos) {
+        if (s.there != there || (s.there && s.harmonics_there) != all || set.ok() != all) {
+          FAIL(size << " bytes, segment " << i);
+        }
+        if (!all && set.status().message().find("issue 106") == std::string::npos) {
           FAIL(set.status().message());
         }
+        Status lost;
+        const auto left = (*reader)->decode_sound(i, lost);
+        if (left.ok() != there || (there && lost.ok() != all)) FAIL(size << " bytes: sound " << i);
+        if (there && left->position != positions[i]) FAIL("other positions at " << size);
       }
       if ((*reader)->damage().size() != 1 || (*reader)->damage()[0].number != 106 ||
           (*reader)->missing_bytes() != whole.size() - size ||
@@ -222,6 +227,28 @@ TEST_CASE("damage stays within its segment") {
     CHECK(issue.offset >= segments[1].offset);
     CHECK(issue.offset < segments[1].offset + segments[1].bytes);
   }
+}
+
+TEST_CASE("damage to harmonics leaves the primitives without them") {
+  Bytes bytes = small_file(Profile::kQuantised, 2000);
+  const auto sound = SceneReader::open(memory_source(bytes));
+  REQUIRE(sound.ok());
+  const SegmentInfo segment = (*sound)->segments()[0];
+  REQUIRE(segment.harmonics_bytes > 0);
+  bytes[segment.harmonics_offset + segment.harmonics_bytes / 2] ^= 0x40;
+  const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
+  REQUIRE(reader.ok());
+  CHECK((*reader)->decode(0).status().code() == StatusCode::kInvalidFile);
+  Status lost;
+  const auto set = (*reader)->decode_sound(0, lost);
+  REQUIRE(set.ok());
+  CHECK(lost.message().find("issue 112") != std::string::npos);
+  const auto plain = (*sound)->decode(0, false);
+  CHECK(set->sh == plain->sh);
+  CHECK(set->position == plain->position);
+  REQUIRE((*reader)->decode_sound(1, lost).ok());
+  CHECK(lost.ok());
+  CHECK(numbers_of(issues_of(bytes)).count(112) == 1);
 }
 
 TEST_CASE("the header's fields are checked one by one") {

@@ -123,6 +123,35 @@ Status write_recordings(const Scene& scene, const std::string& folder) {
   return {};
 }
 
+// A packed scene whose primitives all live as long as the clip, so that a file of one segment has
+// its harmonics behind all else; and the same without them, and as a recording that
+// was not closed.
+Status write_steady(const std::string& folder) {
+  Scene scene = testing::random_scene(3000, 3, kFrames, 8);
+  scene.metadata.start_camera = fixture_scene().metadata.start_camera;
+  std::fill(scene.gaussians.sigma.begin(), scene.gaussians.sigma.end(), 50.0f);
+  std::fill(scene.gaussians.radius.begin(), scene.gaussians.radius.end(), 50.0f);
+  for (float& s : scene.gaussians.log_scale) s += 1.0f;
+  const auto stride = static_cast<std::size_t>(3 * scene.gaussians.sh_coefficients());
+  for (std::size_t i = 0; i < scene.gaussians.sh.size(); ++i) {
+    if (i % stride >= 3) scene.gaussians.sh[i] *= 10;  // most of the file's bytes
+  }
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  STGS_TRY(write_scene(folder + "/steady.stgs", scene, settings));
+  STGS_ASSIGN(Scene plain, read_scene(folder + "/steady.stgs"));
+  for (std::size_t i = 0; i < plain.gaussians.sh.size(); ++i) {
+    if (i % stride >= 3) plain.gaussians.sh[i] = 0;
+  }
+  STGS_TRY(write_scene(folder + "/steady_plain.stgs", plain, {}));
+  RecordSettings live;
+  live.write = settings;
+  live.sync = false;
+  STGS_ASSIGN(const auto recorder,
+              SceneRecorder::create(folder + "/live.stgs", scene.metadata, 3, live));
+  return recorder->append(scene.gaussians, kFrames);
+}
+
 // A picture with a NaN in green at (3, 2); nothing in a build without OpenEXR.
 Status write_pixel_that_is_none(const std::string& path) {
   player::Frame frame;
@@ -180,6 +209,7 @@ Status write_all(const std::string& folder) {
   STGS_TRY(write_pixel_that_is_none(folder + "/nan.exr"));
   settings.profile = Profile::kQuantised;
   STGS_TRY(write_scene(folder + "/packed.stgs", scene, settings));
+  STGS_TRY(write_steady(folder));
   const std::optional<StartCamera> start = scene.metadata.start_camera;
   scene.metadata.start_camera.reset();
   STGS_TRY(write_scene(folder + "/no_camera.stgs", scene, settings));

@@ -11,7 +11,7 @@ import zlib
 import harness
 from harness import CliTest
 
-USAGE, IO, INVALID, RUNTIME, UNSUPPORTED = 1, 2, 3, 4, 5
+USAGE, IO, INVALID, RUNTIME, UNSUPPORTED, DIFFERS = 1, 2, 3, 4, 5, 7
 
 
 def flipped(data, at):
@@ -28,7 +28,7 @@ class TruncatedScene(CliTest):
         cut = self.write("cut.stgs", good[:last - 1])
         info = self.json_of("info", cut)
         self.assertEqual(info["missing_bytes"], len(good) - last + 1)
-        self.assertEqual([s["there"] for s in info["segments"]].count(False), 1)
+        self.assertEqual([s["there"] and s["harmonics_there"] for s in info["segments"]].count(False), 1)
         self.assertIn("truncated", self.succeeds("info", cut).stdout.decode())
         checked = self.fails(INVALID, "cut.stgs: 1 error", "validate", cut, "--format", "json")
         issues = json.loads(checked.stdout)["files"][0]["issues"]
@@ -37,6 +37,84 @@ class TruncatedScene(CliTest):
         self.assertIn("the file is truncated", run.stderr.decode())
         self.assertTrue(os.path.exists(self.path("out.png")))
         self.fails(INVALID, "truncated", "pack", cut, "-o", "packed.stgs")
+
+
+class DamagedSegments(CliTest):
+    """The unit of damage is a record: primitives are drawn where only their harmonics are lost."""
+
+    def spans(self, name):
+        """Of each segment its records' bytes: primitives, and harmonics or None."""
+        for s in self.json_of("info", self.fixture(name))["segments"]:
+            base = s["offset"], s["offset"] + s["bytes"]
+            yield base, ((s["harmonics_offset"], s["harmonics_offset"] + s["harmonics_bytes"])
+                         if s["harmonics_bytes"] else None)
+
+    def damaged(self, name, which):
+        """The fixture `name` with a flipped bit in these records: 0 of primitives, 1 of harmonics."""
+        with open(self.fixture(name), "rb") as file:
+            data = file.read()
+        for records in self.spans(name):
+            if records[which]:
+                data = flipped(data, sum(records[which]) // 2)
+        return self.write(f"damaged_{which}_{name}", data)
+
+    def picture(self, scene, name, *more):
+        run = self.stgs("render", scene, "--time", "0.05", "-o", name, "--format", "json", *more)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        report = json.loads(run.stdout)
+        self.check_schema("render", report)
+        return report, run.stderr.decode()
+
+    def assert_alike(self, a, b):
+        self.succeeds("compare", a, b, "--min-psnr", "60")
+
+    def test_half_of_a_file_is_its_primitives(self):
+        with open(self.fixture("steady.stgs"), "rb") as file:
+            whole = file.read()
+        half = self.write("half.stgs", whole[:len(whole) // 2])
+        segments = self.json_of("info", half)["segments"]
+        self.assertTrue(all(s["there"] for s in segments))
+        self.assertFalse(any(s["harmonics_there"] for s in segments))
+        self.assertIn("without their harmonics", self.succeeds("info", half).stdout.decode())
+        report, warnings = self.picture(half, "half.png")
+        self.assertEqual(report["lost"], {"segments": 0, "harmonics": len(segments)})
+        self.assertIn("only without their harmonics", warnings)
+        self.picture(self.fixture("steady_plain.stgs"), "plain.png")
+        self.picture(self.fixture("steady.stgs"), "whole.png")
+        self.assert_alike("half.png", "plain.png")
+        self.fails(DIFFERS, "dB", "compare", "half.png", "whole.png", "--min-psnr", "60")
+        bench = self.json_of("bench", half, "--pictures", "2")
+        self.assertEqual(bench["lost"], report["lost"])
+        self.fails(INVALID, "half.stgs: 1 error", "validate", half)
+
+    def test_damaged_harmonics_cost_only_themselves(self):
+        self.picture(self.damaged("steady.stgs", 1), "damaged.png")
+        self.picture(self.fixture("steady_plain.stgs"), "plain.png")
+        self.assert_alike("damaged.png", "plain.png")
+        self.fails(INVALID, "error", "validate", "damaged_1_steady.stgs")
+        self.fails(INVALID, "is damaged", "pack", "damaged_1_steady.stgs", "-o", "packed.stgs")
+
+    def test_damage_in_a_recording(self):
+        report, warnings = self.picture(self.damaged("live.stgs", 1), "live.png")
+        self.assertGreater(report["lost"]["harmonics"], 0)
+        self.assertEqual(report["lost"]["segments"], 0)
+        self.assertIn("is damaged", warnings)
+
+    def test_a_picture_of_nothing_is_an_error(self):
+        for scene in ("steady.stgs", "live.stgs"):
+            damaged = self.damaged(scene, 0)
+            for verb in (["render", damaged, "--time", "0.05", "-o", "out.png"],
+                         ["bench", damaged, "--pictures", "1"]):
+                self.fails(INVALID, "nothing of what is alive at .* can be read: .*damaged", *verb)
+            self.assertFalse(os.path.exists(self.path("out.png")))
+
+    def test_what_is_sound_is_drawn(self):
+        with open(self.fixture("packed.stgs"), "rb") as file:
+            data = file.read()
+        first = next(self.spans("packed.stgs"))[0]
+        report, warnings = self.picture(self.write("one.stgs", flipped(data, sum(first) // 2)), "one.png")
+        self.assertEqual(report["lost"], {"segments": 1, "harmonics": 0})
+        self.assertIn("1 segment(s) could not be drawn", warnings)
 
 
 class DamagedScenes(CliTest):
@@ -82,11 +160,11 @@ class DamagedScenes(CliTest):
         self.assertFalse(os.path.exists(self.path("out.png")))
 
     def test_damage_in_a_segment_is_found_where_it_is(self):
-        """The head is whole, so info works; what draws the segment does not."""
+        """The head is whole, so info works; render passes over it, evaluate does not."""
         path = self.write("body.stgs", flipped(self.good, len(self.good) - 40))
         self.succeeds("info", path)
-        self.fails(INVALID, r"body.stgs: .*checksum.* \(drawing 0(\.\d+)? s\)$", "render", path,
-                   "--frames", "0:6", "-o", "null")
+        run = self.succeeds("render", path, "--frames", "0:6", "-o", "null")
+        self.assertRegex(run.stderr.decode(), r"could not be drawn.*body.stgs: .*checksum")
         self.fails(INVALID, r"body.stgs: .*checksum.* \(drawing 0(\.\d+)? s\)$", "evaluate", path,
                    "--against", self.fixture("prepared"))
 
@@ -193,7 +271,8 @@ class WrongCaptures(CliTest):
         good = {"width": 64, "height": 48, "fx": 60, "fy": 60, "cx": 32, "cy": 24,
                 "rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 0]}
         self.succeeds(*render(self.write("good.json", json.dumps(good))))
-        self.fails(IO, "cannot open this camera file", *render(self.path("none.json")))
+        self.fails(IO, "none.json: cannot open this camera file: No such file",
+                   *render(self.path("none.json")))
         cases = [
             ("not a camera", "[]"),
             ("not a camera: .*width", "{}"),

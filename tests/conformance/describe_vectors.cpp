@@ -39,15 +39,17 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
     out += refusal("damage ", invalid_file("{} (issue {})", issue.message, issue.number));
   }
   for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
-    const auto set = (*reader)->decode(s);
+    Status lost;
+    const auto set = (*reader)->decode_sound(s, lost);
     if (!set.ok()) {
       out += refusal(fmt::format("segment {} ", s), set.status());
       continue;
     }
-    for (const Attribute attribute : attributes_of((*reader)->sh_degree())) {
+    for (const Attribute attribute : attributes_of(lost.ok() ? (*reader)->sh_degree() : 0)) {
       out +=
           fmt::format("  segment {} {} {:016x}\n", s, name_of(attribute), hash_of(*set, attribute));
     }
+    if (!lost.ok()) out += refusal(fmt::format("segment {} harmonics ", s), lost);
   }
   const auto importance = (*reader)->importance();
   if (!importance.ok()) {

@@ -3,7 +3,7 @@
 import struct
 from dataclasses import dataclass, replace
 
-from vector_file import File, Meta, Part, checksum, record
+from vector_file import File, Meta, checksum, record
 
 
 @dataclass
@@ -21,9 +21,9 @@ class Fragment:
 
 
 def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1,
-            keep_skips=False):
+            keep_skips=False, meta=None):
     """A recording of these parts, a FRAG record behind each; the last one of all where closed."""
-    meta = Meta(profile=0, frames=1)
+    meta = meta or Meta(profile=0, frames=1)
     head = record(b"META", meta.payload()) + head_last
     out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", 0, 5, flags, file_bytes, 40 + len(head))
     out += struct.pack("<Q", checksum(out)) + head

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "camera_file.h"
 
+#include <cerrno>
 #include <fstream>
 
 #include "stgs/encoder/camera_json.h"
@@ -9,8 +10,9 @@
 namespace stgs::tools {
 
 Result<encoder::Camera> read_camera(const std::string& path) {
+  errno = 0;
   std::ifstream file(path);
-  if (!file) return io_error("{}: cannot open this camera file", path);
+  if (!file) return io_error("{}: cannot open this camera file: {}", path, system_message(errno));
   try {
     const Json json = Json::parse(file);
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,

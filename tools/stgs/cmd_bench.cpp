@@ -7,6 +7,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "losses.h"
 #include "options.h"
 #include "place.h"
 #include "stgs/format/parallel.h"
@@ -135,7 +136,9 @@ class Bench final : public Command {
     STGS_ASSIGN(auto reader, open(session));
     const std::uint64_t primitives = reader->primitives();
     const auto timeline = player::Timeline::over(std::move(reader), file_,
-                                                 static_cast<std::uint64_t>(memory_mb_ * 1e6));
+                                                 static_cast<std::uint64_t>(memory_mb_ * 1e6),
+                                                 player::Damaged::kPassOver);
+    tell_damage(session, *timeline);
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const auto cameras, find_cameras(timeline->metadata()));
     Pass passes[2];
@@ -149,7 +152,8 @@ class Bench final : public Command {
         }
       }
     }
-    return report(session, primitives, renderer->name(), cameras, passes);
+    tell_losses(session, *timeline);
+    return report(session, *timeline, primitives, renderer->name(), cameras, passes);
   }
 
  private:
@@ -198,8 +202,9 @@ class Bench final : public Command {
     return {};
   }
 
-  Status report(Session& session, std::uint64_t primitives, const std::string& backend,
-                const std::vector<encoder::Camera>& cameras, const Pass (&passes)[2]) const {
+  Status report(Session& session, const player::Timeline& timeline, std::uint64_t primitives,
+                const std::string& backend, const std::vector<encoder::Camera>& cameras,
+                const Pass (&passes)[2]) const {
     Json sizes = Json::array();
     for (const encoder::Camera& camera : cameras) {
       sizes.push_back({{"width", camera.width}, {"height", camera.height}});
@@ -209,6 +214,7 @@ class Bench final : public Command {
                        {"threads", concurrency()},
                        {"animated", animate_},
                        {"primitives", primitives},
+                       {"lost", losses_json(timeline)},
                        {"stored", stored_},
                        {"alive", alive_},
                        {"drawn", drawn_},

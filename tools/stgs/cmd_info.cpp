@@ -62,6 +62,7 @@ Json segments_json(const SceneReader& reader) {
                         {"primitives", segment.primitives},
                         {"tier", segment.tier},
                         {"there", segment.there},
+                        {"harmonics_there", segment.harmonics_there},
                         {"offset", segment.offset},
                         {"bytes", segment.bytes},
                         {"harmonics_offset", segment.harmonics_offset},
@@ -186,12 +187,15 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                        reader.incomplete_bytes());
   }
   if (reader.missing_bytes() > 0) {
-    const auto there = std::count_if(reader.segments().begin(), reader.segments().end(),
-                                     [](const SegmentInfo& s) { return s.there; });
+    std::size_t whole = 0, plain = 0;
+    for (const SegmentInfo& segment : reader.segments()) {
+      whole += segment.there && segment.harmonics_there ? 1 : 0;
+      plain += segment.there && !segment.harmonics_there ? 1 : 0;
+    }
     out += fmt::format(
-        "  truncated        {} bytes are missing; {} of {} segments are there, all up to {:.3f} "
-        "s\n",
-        reader.missing_bytes(), there, reader.segments().size(),
+        "  truncated        {} bytes are missing; {} of {} segments are there whole, {} without "
+        "their harmonics; all up to {:.3f} s\n",
+        reader.missing_bytes(), whole, reader.segments().size(), plain,
         m.time_base.seconds(reader.complete_ticks()));
   }
   if (m.start_camera) {

@@ -6,6 +6,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "losses.h"
 #include "options.h"
 #include "picture_sink.h"
 #include "place.h"
@@ -84,11 +85,8 @@ class Render final : public Command {
     STGS_ASSIGN(auto reader, open_scene(session, o_.file));
     const auto timeline = player::Timeline::over(std::move(reader), o_.file,
                                                  static_cast<std::uint64_t>(o_.memory_mb * 1e6),
-                                                 player::Truncated::kPassOver);
-    for (const Issue& issue : timeline->damage()) {
-      session.log(1, fmt::format("{}: {}; it is drawn as it is, whole up to {:.3f} s", o_.file,
-                                 issue.message, timeline->complete_seconds()));
-    }
+                                                 player::Damaged::kPassOver);
+    tell_damage(session, *timeline);
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const auto cameras, find_cameras(timeline->metadata()));
     STGS_ASSIGN(const auto moments, find_moments(*timeline));
@@ -114,7 +112,8 @@ class Render final : public Command {
     }
     STGS_TRY(sink->finish());
     totals.wall = now_seconds() - begin;
-    return report(session, cameras, moments, renderer->name(), totals);
+    tell_losses(session, *timeline);
+    return report(session, *timeline, cameras, moments, renderer->name(), totals);
   }
 
  private:
@@ -216,9 +215,9 @@ class Render final : public Command {
     return runtime_error("{}: has no camera '{}'", o_.cameras, name);
   }
 
-  Status report(Session& session, const std::vector<encoder::Camera>& cameras,
-                const std::vector<Moment>& moments, const std::string& backend,
-                const Totals& totals) const {
+  Status report(Session& session, const player::Timeline& timeline,
+                const std::vector<encoder::Camera>& cameras, const std::vector<Moment>& moments,
+                const std::string& backend, const Totals& totals) const {
     const std::size_t pictures = cameras.size() * moments.size();
     const auto n = static_cast<double>(pictures);
     const double fps = totals.draw > 0 ? n / totals.draw : 0;
@@ -230,6 +229,7 @@ class Render final : public Command {
                        {"backend", backend},
                        {"pictures", pictures},
                        {"cameras", names},
+                       {"lost", losses_json(timeline)},
                        {"draw_s", totals.draw},
                        {"wall_s", totals.wall},
                        {"draw_fps", fps},

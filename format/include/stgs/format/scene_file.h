@@ -105,7 +105,9 @@ struct SegmentInfo {
   int tier = 0;
   // The harmonics above degree 0, where they can be fetched apart; else 0 bytes.
   std::uint64_t harmonics_offset = 0, harmonics_bytes = 0;
-  bool there = true;  // false: beyond the end of a file that is truncated
+  // False: beyond the end of a file that is truncated. Where there are no harmonics of their own
+  // these are there.
+  bool there = true, harmonics_there = true;
 };
 
 // How a file is laid out (spec 2.4).
@@ -152,12 +154,13 @@ class SceneReader {
   virtual SceneForm form() const = 0;
   // Bytes of a growing file after its last complete fragment: being written, or cut off.
   virtual std::uint64_t incomplete_bytes() const = 0;
-  // What open() found wrong and could read past: a file that is truncated. Segments that
-  // are there can be decoded all the same.
+  // What open() found wrong and could read past: a file that is truncated, say. Segments that are
+  // there can be decoded all the same.
   virtual const std::vector<Issue>& damage() const = 0;
   // Bytes that a finished file has too few.
   virtual std::uint64_t missing_bytes() const = 0;
-  // Where the first segment begins that is not there, ticks; the duration where all are.
+  // Where the first segment begins that is not there, or not with its harmonics, ticks; the
+  // duration where all are.
   virtual double complete_ticks() const = 0;
   // Looks whether a growing file has grown; true: there are new segments, after those that there
   // were, and metadata().frames has grown. What metadata(), segments() and parts() gave before is
@@ -176,6 +179,9 @@ class SceneReader {
   // those above degree 0 are 0 where they are stored apart, and their bytes are not read.
   virtual Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const = 0;
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
+  // What is sound of a segment (spec 5.7): where only its harmonics are damaged, missing or of a
+  // later version they are 0, and `lost` says why; else `lost` is ok.
+  Result<Gaussians4D> decode_sound(std::uint32_t segment, Status& lost) const;
   // The same segment as stored, for a decoder on another device. Its checksum is checked, but not
   // that of the planes, which are not decoded here.
   virtual Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const = 0;

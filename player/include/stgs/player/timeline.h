@@ -13,10 +13,17 @@ namespace stgs::player {
 
 inline constexpr std::uint64_t kDefaultMemoryBudget = std::uint64_t{4} << 30;  // bytes
 
-// What to do at a moment of which a truncated file lacks segments.
-enum class Truncated {
+// What to do at a moment of which segments are damaged, missing or of a later version.
+enum class Damaged {
   kRefuse,    // an error
-  kPassOver,  // only those that are there are alive
+  kPassOver,  // what is sound of them is alive; an error where all of a moment is lost
+};
+
+// What damage took of a segment.
+struct Loss {
+  std::uint32_t segment = 0;
+  bool harmonics_only = false;  // they are 0; else nothing of it is drawn
+  Status reason;
 };
 
 // Decodes the segments that a moment needs and keeps them within a memory budget: those needed
@@ -27,12 +34,12 @@ class Timeline {
   // memory_bytes().
   static Result<std::unique_ptr<Timeline>> open(const std::string& place,
                                                 std::uint64_t memory_budget = kDefaultMemoryBudget,
-                                                Truncated truncated = Truncated::kRefuse);
+                                                Damaged damaged = Damaged::kRefuse);
   // The same over a reader that is already open. `name` is for messages.
   static std::unique_ptr<Timeline> over(std::unique_ptr<SceneReader> reader,
                                         const std::string& name = "the scene",
                                         std::uint64_t memory_budget = kDefaultMemoryBudget,
-                                        Truncated truncated = Truncated::kRefuse);
+                                        Damaged damaged = Damaged::kRefuse);
   virtual ~Timeline() = default;
 
   // For messages: the path or URL.
@@ -43,6 +50,8 @@ class Timeline {
   virtual const std::vector<Issue>& damage() const = 0;
   // Up to which moment nothing of the file is missing.
   virtual double complete_seconds() const = 0;
+  // What at() has passed over so far, each segment once.
+  virtual const std::vector<Loss>& losses() const = 0;
 
   // The decoded segments alive at a moment.
   struct Active {
@@ -60,8 +69,9 @@ class Timeline {
     double ticks = 0;
   };
   // What is alive at `seconds`, which may lie outside the duration. The pointers stay valid until
-  // the next call. Errors: a segment that cannot be read or decoded; a moment whose segments
-  // together exceed the memory budget (kRuntime).
+  // the next call. Errors: a segment that cannot be read or decoded, with kPassOver only where none
+  // of the moment's can or the source fails; a moment whose segments together exceed the memory
+  // budget (kRuntime).
   virtual Result<Active> at(double seconds) = 0;
 
   // Bytes of the decoded segments held now; never more than the budget.

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What breaks a rule of the container: headers, heads, the index, limits (2 to 5)."""
+import struct
+
+from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, layouts_payload,
+                         record, text)
+from vector_growing import Fragment, growing
+from vector_list import coded, must_fail, plain, private, replaced, vector, with_byte
+from vector_scenes import float_streams
+from vectors_growing import stretches
+
+
+def broken_rules():
+    """One for each must that the others do not break."""
+    def one(level, slot, **more):
+        return Segment(level, slot, [Body(float_streams(1, 0, 3), 1)], **more)
+
+    must_fail("lossless_mapping", "8.1", "mapping 1 in a lossless file",
+              replaced(Stream(8, 1, -2, [[0, 1, 2]]), meta=Meta(profile=0)))
+    draco = Stream(1, 1, 0, [[0] * 3] * 3, 0, 2, (8, 8, 8), stored=b"DRACO")
+    must_fail("draco_in_another_profile", "8.1", "coder 2 in a quantised file", replaced(draco))
+    for tag, payload in ((b"LAYT", struct.pack("<HH", 0, 0)), (b"WNDW", struct.pack("<IIQQ", 0, 99, 1, 2)),
+                         (b"INDX", File([]).index_payload())):
+        twice = record(tag, payload, int(tag != b"WNDW"))
+        must_fail(f"two_{tag.decode().lower()}", "2.3", f"{tag.decode()} twice",
+                  plain(head_last=twice if tag == b"INDX" else twice + twice))
+    must_fail("private_names_cut", "3.5", "a count of 2, one name",
+              plain(head_last=record(b"PRIV", b"\2\0\0\0\1\xc0" + text("a"), 0)))
+    must_fail("private_name_empty", "3.5", "no name", plain(head_last=private((0, 0xC001, ""))))
+    must_fail("private_name_not_utf8", "3.5", "a name of \\xff",
+              plain(head_last=private((0, 0xC001, b"\xff"))))
+    must_fail("two_privs", "2.3", "PRIV twice", plain(head_last=private() + private()))
+    must_fail("private_critical", "3.4", "a private record that is critical",
+              plain(head_last=record(b"liGT", text("org.example.lights"))))
+    must_fail("window_critical", "3.4", "WNDW with flags 1",
+              plain(head_last=record(b"WNDW", struct.pack("<IIQQ", 0, 99, 1, 2))))
+    must_fail("window_short", "4.5", "WNDW of 23 bytes", plain(head_last=record(b"WNDW", bytes(23), 0)))
+    must_fail("bounds_inverted", "4.3", "the least above the greatest", plain(meta=Meta(
+        profile=0, least=(1, 0, 0), greatest=(0, 0, 0))))
+    for name, about, more in (("camera_size", "a start camera of 32769 pixels", dict(size=(32769, 4))),
+                              ("camera_focal_length", "fx = 0", dict(lens=(0, 1, 0, 0)))):
+        must_fail(name, "4.3", about, plain(meta=Meta(profile=0, **{"size": (4, 4), "lens": (1, 1, 0, 0),
+                                                                    **more})))
+    must_fail("totals_1025", "5.2", "1025 attribute totals", plain(totals=((1, 1),) * 1025))
+    must_fail("total_of_attribute_65536", "5.2", "an attribute beyond 16 bits",
+              plain(totals=((65536, 1),)))
+    must_fail("slot_beyond_32_bits", "5.3", "slot 2^32", File(
+        [Part([one(0, 0, raw_place=32 * (1 << 32) + 1)])], Meta(profile=0)))
+    must_fail("tiers_257", "5.3", "257 tiers", plain(index=struct.pack("<d", 5.0) + b"\1\0\1" +
+              struct.pack("<dd", 0, 30) + b"\0\1\0" + b"\x80\x08" + b"\1\1" * 257))
+    must_fail("further_record_of_content_1", "5.3", "layer 256 among the further records",
+              File([Part([one(-1, 0, further=[(256, b"")])])], Meta(profile=0)))
+    must_fail("tables_1025", "6.2", "1025 tables",
+              plain(layouts=struct.pack("<H", 1025) + bytes(1025) + struct.pack("<H", 0)))
+    must_fail("layouts_65535", "6.2", "65535 layouts",
+              plain(layouts=struct.pack("<HH", 0, 65535)))
+    alike = float_streams(3, 3, 1)
+    for s in alike:
+        s.v = [[0x01010101, 0x02020202, 0x03030303] for _ in s.v]
+        s.coder, s.tables = RANS, [0] * (4 * len(s.v))
+    must_fail("group_of_260_planes", "A.1", "more than 256", plain(degree=3, body=Body(
+        alike, 3, tables=[{1: 1024, 2: 1024, 3: 2048}], group=b"")))
+    must_fail("body_of_no_records", "3.3", "five bytes behind the last segment", plain(tail=b"bytes"))
+    must_fail("fragment_skips_its_own", "5.3", "records that do not lie before their fragment",
+              growing([Part([], 0, 10, skip=1 << 20)], keep_skips=True))
+    must_fail("fragment_after_a_closed_one", "5.12", "of those that the index is read from",
+              growing(stretches(3), [Fragment(), Fragment(flags=1), Fragment()]))
+    vector("closed_fragment_before_others", "5.12", "one that the index is not read from",
+           growing(stretches(3), [Fragment(flags=1), Fragment(), Fragment()]), reported=[313])
+    vector("fragment_flags_before_others", "5.12", "an unknown flag of one that is not read",
+           growing(stretches(3), [Fragment(flags=2), Fragment(), Fragment()]), reported=[113])
+    between = stretches(2)
+    between[1].after = record(b"NOTE", b"", 0)
+    vector("record_before_a_fragment", "5.12", "an unknown record behind the segments of a stretch",
+           growing(between), reported=[313])
+    for tag in (b"NEWS", b"FRAG", b"IMPO"):
+        vector(f"critical_{tag.decode().lower()}_in_the_body", "3.4", "a critical record behind the segments",
+               plain(tail=record(tag, bytes(12))), reported=[113])
+    late = float_streams(1, 0, 3, 0, 5)
+    late[1].v[0] = [bits_of(25.0)]
+    vector("seen_outside_its_segment", "5.8", "a primitive of moment 25 in [0, 5)",
+           File([Part([Segment(0, 0, [Body(late, 1)])])], Meta(profile=0)), reported=[504])
+
+
+def broken_header():
+    good = plain().bytes()
+    must_fail("short", "2.2", "39 bytes", good[:39])
+    must_fail("magic", "2.1", "another first byte", with_byte(good, 0))
+    must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
+    must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
+    must_fail("major_version", "2.5", "major version 1", plain(major=1))
+    must_fail("minor_version", "2.5", "minor version 4, an experiment", plain(minor=4))
+    must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
+    must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
+    must_fail("truncated_head", "2.6", "the last byte of the head is missing",
+              good[:good.index(b"SEGM") - 1])
+    tail = record(b"IMPO", struct.pack("<6f", *[1] * 6), 0)
+    three = File([Part([Segment(0, 2 * i, [Body(float_streams(2, 0, i, 5 * i, 5), 2)])
+                        for i in range(3)])], Meta(profile=0), tail=tail).bytes()
+    second = three.index(b"SEGM", three.index(b"SEGM") + 4)
+    must_fail("truncated_between_segments", "2.6", "one of three segments is there", three[:second])
+    must_fail("truncated_in_a_segment", "2.6", "one of three segments is there", three[:second + 60])
+    must_fail("truncated_behind_the_segments", "2.6", "IMPO is cut, all segments are there",
+              three[:-1])
+    must_fail("bytes_after_the_end", "2.6", "one more", good + b"\0")
+    must_fail("head_beyond_the_file", "2.3", "head_bytes too great", plain(head_bytes=1 << 20))
+    must_fail("head_cuts_a_record", "3.3", "head_bytes one too small", plain(head_bytes=-1))
+
+
+def broken_head():
+    good = plain().bytes()
+    must_fail("record_header_checksum", "3.1", "META's, a flipped bit", with_byte(good, 50))
+    must_fail("meta_checksum", "3.1", "META's payload, a flipped bit", with_byte(good, 90))
+    must_fail("index_checksum", "3.1", "INDX's payload, a flipped bit",
+           with_byte(good, good.index(b"INDX") + 34))
+    must_fail("meta_not_critical", "3.2", "flags 0", plain(record_flags={b"META": 0}))
+    must_fail("unknown_critical", "3.4", "a critical record of an unknown tag",
+           plain(head_last=record(b"NEWS", b"")))
+    must_fail("unknown_record_flag", "3.4", "INDX with flags 3", plain(record_flags={b"INDX": 3}))
+    must_fail("two_metas", "2.3", "META twice", plain(head_last=record(b"META", Meta().payload())))
+    must_fail("no_index", "2.3", "META alone", plain(order=(b"META",)))
+    must_fail("index_before_meta", "2.3", "INDX first", plain(order=(b"INDX", b"META")))
+    for name, about, meta in (
+            ("no_frames", "a duration of 0", Meta(frames=0)),
+            ("time_base", "a denominator of 0", Meta(time_base=(1, 0))),
+            ("degree_4", "harmonics of degree 4", Meta(degree=4)),
+            ("convention", "axes 1", Meta(conventions=(0, 1, 0, 0)))):
+        must_fail(name, "4.2", about, plain(meta=meta))
+    for name, about, meta in (
+            ("bounds_not_finite", "a bound that is no number", Meta(least=(float("nan"), 0, 0))),
+            ("near_plane", "a near plane below 0", Meta(near=-1.0)),
+            ("not_a_rotation", "a start camera that mirrors",
+             Meta(size=(4, 4), lens=(1, 1, 0, 0), rotation=(-1, 0, 0, 0, 1, 0, 0, 0, 1))),
+            ("not_utf8", "a generator that is not UTF-8", Meta(generator=b"\xff"))):
+        must_fail(name, "4.3", about, plain(meta=meta))
+    must_fail("window_outside", "4.5", "a window beyond its capture",
+           plain(head_last=record(b"WNDW", struct.pack("<IIQQ", 71, 100, 1, 2), 0)))
+
+
+def broken_index():
+    def one(level, slot, **more):
+        return Segment(level, slot, [Body(float_streams(1, 0, 3), 1)], **more)
+
+    def of(segments, **part):
+        return File([Part(segments, **part)])
+
+    must_fail("chunk", "5.2", "a chunk of 0", plain(chunk=0.0))
+    must_fail("chunk_too_fine", "5.2", "a chunk of 5 + 2^-21 ticks", plain(chunk=5 + 2.0 ** -21))
+    must_fail("chunk_too_long", "5.2", "a chunk of 2^33 ticks", plain(chunk=2.0 ** 33))
+    must_fail("chunk_infinite", "5.2", "a chunk without end", plain(chunk=float("inf")))
+    must_fail("index_cut", "5.2", "the index ends in its counts", plain(index=struct.pack("<d", 5.0)))
+    must_fail("number_too_long", "1.8", "0 in two bytes",
+           plain(index=struct.pack("<d", 5.0) + b"\x80\x00\x00\x00"))
+    must_fail("number_too_great", "1.8", "a number of 70 bits",
+           plain(index=struct.pack("<d", 5.0) + b"\xff" * 9 + b"\x7f\x00\x00"))
+    must_fail("total", "5.2", "a wrong total", plain(total=4))
+    must_fail("out_of_order", "5.6", "a later segment first", of([one(0, 2), one(1, 0)]))
+    must_fail("longer_one_second", "5.6", "of two that begin together the shorter first",
+           of([one(0, 0), one(1, 0)]))
+    must_fail("outside_the_timeline", "5.4", "a slot beyond the end", of([one(0, 12)]))
+    must_fail("outside_its_part", "5.4", "a slot before its part", of([one(0, 0)], begin=10.0))
+    must_fail("part_inverted", "5.3", "a part that ends before it begins", of([one(-1, 0)], begin=30.0,
+                                                                        end=29.0))
+    must_fail("persistent_slot", "5.3", "slot 1 of level -1", of([one(-1, 0, raw_place=32)]))
+    must_fail("record_beyond_the_end", "5.3", "a skip past the end", of([one(-1, 0)], skip=1 << 20))
+    must_fail("no_primitives", "5.3", "a tier of 0 primitives", of([one(-1, 0, counts=[0])]))
+    must_fail("too_many_primitives", "5.5", "more than 16 a byte", of([one(-1, 0, counts=[1 << 31])]))
+    must_fail("harmonics_of_degree_0", "5.7", "apart, where there are none",
+           of([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1)], [Body([], 1)])]))
+    must_fail("expansion", "5.5", "6 million primitives in 12 kB of frames, 2 GB once decoded",
+              expansion())
+    # 3 primitives of 80 bytes of floats and of planes.
+    record_bytes = 32 + len(plain().parts[0].segments[0].payloads()[0])
+    vector("limit_of_planes_kept", "conformance 1.5", "a segment's floats, bytes and planes at the limit",
+           plain(), {"max_memory": 480 + record_bytes})
+    must_fail("limit_of_planes", "conformance 1.5", "a byte more than the limit", plain(),
+              {"max_memory": 479 + record_bytes})
+    must_fail("limit_of_own_tables", "conformance 1.5", "tables of a segment, more than the limit",
+              coded(), {"max_memory": 16384})
+    layt = layouts_payload([{0: 2048, 1: 2048}] * 2, [float_streams(3, 0, 1)])
+    must_fail("limit_of_tables", "conformance 1.5", "two tables of LAYT, more than the limit",
+              plain(layouts=layt), {"max_memory": 32767})
+    must_fail("limit_of_primitives", "conformance 1.5", "3 primitives, the limit is 2", plain(),
+           {"max_primitives": 2})
+    must_fail("limit_of_memory", "conformance 1.5", "240 bytes of floats, the limit is 239", plain(),
+           {"max_memory": 239})
+
+
+def expansion():
+    """What frames of one value could make of 12 kB before a record's primitives were bounded."""
+    n = 6 << 20
+    streams = float_streams(1, 3, 1)
+    for s in streams:
+        s.mapping, s.prediction, s.bits, s.e = 1, 0, (8,), 0
+        s.mapping = {3: 2, 4: 2, 5: 3, 7: 4}.get(s.attribute, 1)
+        s.e = {7: -4}.get(s.attribute, 0)
+        s.v = s.v[:3] if s.attribute == 7 else s.v
+        s.origin = (1.0,) if s.attribute == 3 else ()
+        blocks = n * len(s.v) >> 17
+        s.stored = struct.pack("<IBI", 0xFD2FB528, 0xA0, blocks << 17)
+        for i in range(blocks):
+            s.stored += struct.pack("<I", 1 << 20 | 2 | (i + 1 == blocks))[:3] + b"\0"
+    return plain(body=Body(streams, n, planes_sum=0), degree=3)

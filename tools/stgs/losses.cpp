@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "losses.h"
+
+#include <algorithm>
+
+namespace stgs::tools {
+namespace {
+
+std::ptrdiff_t without_harmonics(const player::Timeline& timeline) {
+  return std::count_if(timeline.losses().begin(), timeline.losses().end(),
+                       [](const player::Loss& loss) { return loss.harmonics_only; });
+}
+
+std::ptrdiff_t whole(const player::Timeline& timeline) {
+  return std::ssize(timeline.losses()) - without_harmonics(timeline);
+}
+
+}  // namespace
+
+void tell_damage(Session& session, const player::Timeline& timeline) {
+  for (const Issue& issue : timeline.damage()) {
+    session.log(1, fmt::format("{}: {}; it is drawn as it is, whole up to {:.3f} s",
+                               timeline.name(), issue.message, timeline.complete_seconds()));
+  }
+}
+
+void tell_losses(Session& session, const player::Timeline& timeline) {
+  if (timeline.losses().empty()) return;
+  session.log(1, fmt::format("{}: {} segment(s) could not be drawn, and {} only without their "
+                             "harmonics; the first: {}",
+                             timeline.name(), whole(timeline), without_harmonics(timeline),
+                             timeline.losses().front().reason.message()));
+}
+
+Json losses_json(const player::Timeline& timeline) {
+  return {{"segments", whole(timeline)}, {"harmonics", without_harmonics(timeline)}};
+}
+
+}  // namespace stgs::tools

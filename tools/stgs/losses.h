@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is wrong with a file that is drawn all the same.
+#pragma once
+
+#include "session.h"
+#include "stgs/player/timeline.h"
+
+namespace stgs::tools {
+
+// Warns of what was found when the file was opened.
+void tell_damage(Session& session, const player::Timeline& timeline);
+// Warns of the segments that were passed over while drawing, or drawn without their harmonics.
+void tell_losses(Session& session, const player::Timeline& timeline);
+// How many of each: {"segments", "harmonics"}.
+Json losses_json(const player::Timeline& timeline);
+
+}  // namespace stgs::tools
