@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plays a scene from wherever its bytes are: fetches what is about to be seen, decodes it, and says
+// which moment to draw.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "stgs/format/byte_source.h"
+#include "stgs/player/source.h"
+#include "stgs/player/timeline.h"
+
+namespace stgs::player {
+
+struct PlayerEvent {
+  enum class Kind {
+    kBuffering,  // the moment stands still, because what is next has not come
+    kResumed,    // it goes on
+    kLooped,
+    kEnded,
+    kLayers,  // the number of layers at the moment has changed
+    kRetry,   // a transfer failed and is tried again
+    kLost,    // a piece could not be read; it is tried again later
+    kDamaged  // a piece is not what was written; the picture lacks it
+  };
+  Kind kind = Kind::kBuffering;
+  double seconds = 0;        // the moment of the clip
+  std::uint64_t offset = 0;  // of kRetry, kLost, kDamaged: byte of the file
+  int layers = 0;            // of kLayers
+  std::string message;       // of kRetry, kLost, kDamaged
+};
+
+struct PlayerSettings {
+  std::uint64_t memory_budget = kDefaultMemoryBudget;  // bytes, of what is fetched and decoded
+  double ahead_seconds = 10;    // of what is fetched before it is needed, at the rate of play
+  double resume_seconds = 0.3;  // that must be there before play goes on after it has stood still
+  // A layer's worth: how much further ahead a layer is fetched than the next.
+  double layer_patience_seconds = 1;
+  double retry_seconds = 1;  // until what could not be read is tried again
+  int fetches = 4;           // at once
+  HttpSettings http;         // of a URL; `stop` and `on_event` are the player's own
+};
+
+enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
+
+// Moments of the clip, seconds.
+struct TimeRange {
+  double begin = 0, end = 0;
+};
+struct TickRange {
+  double begin = 0, end = 0;
+};
+
+struct StreamStatistics {
+  double bytes_per_second = 0;  // that the link has carried of late; 0: not known yet
+  std::uint64_t fetched_bytes = 0;
+  std::uint64_t memory_bytes = 0;       // of the budget
+  std::uint64_t stored_primitives = 0;  // decoded and held
+};
+
+// Not thread-safe: one thread calls it and draws what timeline() has; fetching and decoding have
+// threads of their own, which the destructor ends.
+class Player {
+ public:
+  // `place`: a path or a URL. Reads the head of the file. Errors: open_place's,
+  // SceneReader::open's, settings out of range (kUsage).
+  static Result<std::unique_ptr<Player>> open(const std::string& place,
+                                              const PlayerSettings& settings = {});
+  // The same of a source that is already open, which may answer as late as it likes. `interrupt`,
+  // where given, must make its reads fail at once: the destructor calls it.
+  static Result<std::unique_ptr<Player>> over(std::unique_ptr<ByteSource> source,
+                                              const PlayerSettings& settings = {},
+                                              std::function<void()> interrupt = {});
+  virtual ~Player() = default;
+
+  // What there is of the moment, without waiting: Timeline::at leaves out what has not come. As
+  // long as the player.
+  virtual Timeline& timeline() = 0;
+
+  virtual void play() = 0;
+  virtual void pause() = 0;
+  // To a moment, or to the beginning of a frame; the next advance() is there. kUsage: not a number,
+  // or a frame that the clip does not have.
+  virtual Status seek(double seconds) = 0;
+  virtual Status seek_frame(std::uint32_t frame) = 0;
+  // -2 to 4, not 0 (kUsage).
+  virtual Status set_rate(double rate) = 0;
+  virtual void set_loop(bool loop) = 0;
+
+  // The moment to draw at `now`, seconds of any clock that never goes back. The moment stands still
+  // where the base of the next has not come, and jumps only where it is told to.
+  virtual double advance(double now) = 0;
+
+  virtual PlayerState state() const = 0;
+  virtual double seconds() const = 0;
+  // Whether all of layer 0 is there at the moment: what at() has is a picture of all the space.
+  virtual bool ready() const = 0;
+  // Layers that are there at the moment, and those that the file has: the tiers of its segments,
+  // then their harmonics.
+  virtual int layers() const = 0;
+  virtual int layers_of_file() const = 0;
+  // Where play does not have to wait.
+  virtual std::vector<TimeRange> buffered() const = 0;
+  virtual StreamStatistics statistics() const = 0;
+  // What has happened since the last call, in order.
+  virtual std::vector<PlayerEvent> take_events() = 0;
+};
+
+}  // namespace stgs::player

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// A decoded segment, and which of its primitives can be seen at a moment.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "stgs/format/gaussian4d.h"
+
+namespace stgs::player {
+
+// With the support of each primitive, [begin, end] in ticks of its part. Scanning all supports of
+// the segments alive is proportional to what is alive: a lifespan segment holds only primitives
+// that live for a good part of its span.
+struct HeldSegment {
+  HeldSegment() = default;
+  explicit HeldSegment(Gaussians4D decoded);
+
+  // Every primitive whose opacity at a moment of the part reaches the drawing threshold (a rounding
+  // error's width beyond included), ascending.
+  void find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const;
+
+  Gaussians4D set;
+  std::vector<float> begin, end;
+};
+
+// Bytes that a segment of n primitives takes once decoded, a list of candidates included.
+std::uint64_t held_bytes(std::uint64_t n, int sh_degree);
+
+}  // namespace stgs::player

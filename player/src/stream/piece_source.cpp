@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stream/piece_source.h"
+
+#include <algorithm>
+
+namespace stgs::player {
+
+Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
+  Bytes bytes;
+  std::uint64_t begin = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    auto after = pieces_.upper_bound(offset);
+    if (after != pieces_.begin()) {
+      begin = std::prev(after)->first;
+      bytes = std::prev(after)->second;
+    }
+  }
+  if (bytes == nullptr || offset - begin > bytes->size() ||
+      out.size() > bytes->size() - (offset - begin)) {
+    return under_->read(offset, out);
+  }
+  std::copy_n(bytes->begin() + static_cast<std::ptrdiff_t>(offset - begin), out.size(),
+              out.begin());
+  return {};
+}
+
+void PieceSource::put(std::uint64_t offset, std::vector<std::uint8_t> bytes) {
+  auto shared = std::make_shared<const std::vector<std::uint8_t>>(std::move(bytes));
+  const std::lock_guard lock(mutex_);
+  pieces_[offset] = std::move(shared);
+}
+
+void PieceSource::drop(std::uint64_t offset) {
+  Bytes dropped;  // freed after the lock
+  const std::lock_guard lock(mutex_);
+  const auto found = pieces_.find(offset);
+  if (found == pieces_.end()) return;
+  dropped = std::move(found->second);
+  pieces_.erase(found);
+}
+
+}  // namespace stgs::player

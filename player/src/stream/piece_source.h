@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// A source whose pieces are fetched by somebody else, before they are read.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "stgs/format/byte_source.h"
+
+namespace stgs::player {
+
+// Reads pieces that were put there from memory, and all else from `under`. Thread-safe, but for
+// refresh().
+class PieceSource final : public ByteSource {
+ public:
+  explicit PieceSource(std::unique_ptr<ByteSource> under) : under_(std::move(under)) {}
+
+  std::uint64_t size() const override { return under_->size(); }
+  const std::string& name() const override { return under_->name(); }
+  Status refresh() override { return under_->refresh(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
+
+  const ByteSource& under() const { return *under_; }
+  void put(std::uint64_t offset, std::vector<std::uint8_t> bytes);
+  void drop(std::uint64_t offset);
+
+ private:
+  using Bytes = std::shared_ptr<const std::vector<std::uint8_t>>;
+
+  std::unique_ptr<ByteSource> under_;
+  mutable std::mutex mutex_;
+  std::map<std::uint64_t, Bytes> pieces_;  // by offset
+};
+
+}  // namespace stgs::player

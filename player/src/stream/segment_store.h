@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fetches and decodes, ahead of a viewer, what he is about to see, within a budget of memory.
+#pragma once
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "held_segment.h"
+#include "stgs/format/scene_file.h"
+#include "stgs/player/player.h"
+#include "stream/need.h"
+#include "stream/piece_source.h"
+#include "stream/throughput.h"
+
+namespace stgs::player {
+
+// All may be called from any thread; none waits for a transfer, but the destructor for those that
+// are under way.
+class SegmentStore {
+ public:
+  // `source` is the one of `reader`.
+  SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& source,
+               const PlayerSettings& settings);
+  ~SegmentStore();
+  SegmentStore(const SegmentStore&) = delete;
+  SegmentStore& operator=(const SegmentStore&) = delete;
+
+  const SceneReader& reader() const { return *reader_; }
+  int tiers() const { return tiers_; }
+
+  // Where the viewer is now. `jumped`: not where he was about to come.
+  void move(const Motion& motion, bool jumped);
+
+  // What is there of a segment, or null.
+  std::shared_ptr<const HeldSegment> held(std::uint32_t segment) const;
+  // Whether nothing of layer 0 at this moment is still to come.
+  bool ready(double ticks) const;
+  // The moments around which nothing of layer 0 is still to come, ascending, apart from each other.
+  std::vector<TickRange> ready_ranges() const;
+  // Layers of which all is there at a moment, from 0 on.
+  int layers(double ticks) const;
+  StreamStatistics statistics() const;
+  // What has happened since the last call.
+  std::vector<PlayerEvent> take_events();
+  // Adds one, at the moment of the motion.
+  void tell(PlayerEvent event);
+
+ private:
+  enum class At { kAway, kComing, kHere, kLost };  // kLost: not to be had, for now or for ever
+  struct PieceState {
+    At at = At::kAway;
+    double retry = 0;  // of kLost: when to try again
+  };
+  struct Entry {
+    PieceState base, harmonics;
+    bool decoding = false, with_harmonics = false;  // the latter: of `held`
+    std::shared_ptr<const HeldSegment> held;
+  };
+
+  PieceState& state(const Piece& piece) {
+    return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
+  }
+  std::uint64_t piece_bytes(const Piece& piece) const;
+  std::uint64_t piece_offset(const Piece& piece) const;
+  std::uint64_t memory_of(const Piece& piece) const;  // that it takes, decoded too
+  double urgency_of(const Piece& piece) const;
+  bool settled(std::uint32_t segment) const;  // of a base: here and decoded, or lost
+
+  void fetch_pieces();
+  std::optional<Piece> next_piece(double now);
+  bool wanted(const Piece& piece, double now) const;
+  bool in_time(const Piece& piece) const;
+  bool idle() const;
+  bool make_room(std::uint64_t bytes, double urgency);
+  void drop(std::uint32_t segment);
+  Status fetch(const Piece& piece, std::vector<std::uint8_t>& bytes);
+  void lose(const Piece& piece, double seconds, PlayerEvent::Kind kind, const Status& status);
+
+  Status decode(std::uint32_t segment, bool with_harmonics,
+                std::shared_ptr<const HeldSegment>& held) const;
+  void decode_segments();
+  std::optional<std::uint32_t> next_decode() const;
+
+  const std::unique_ptr<SceneReader> reader_;
+  PieceSource& source_;
+  const PlayerSettings settings_;
+  int tiers_ = 1;
+
+  mutable std::mutex mutex_;  // of all that follows
+  std::condition_variable to_fetch_, to_decode_;
+  bool stopping_ = false;
+  std::uint64_t jumps_ = 0;
+  Motion motion_;
+  std::vector<Entry> entries_;  // by segment
+  std::uint64_t memory_ = 0;
+  Throughput throughput_;
+  std::uint64_t fetched_bytes_ = 0;
+  std::vector<PlayerEvent> events_;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace stgs::player

@@ -1,0 +1,393 @@
+// SPDX-License-Identifier: Apache-2.0
+// Playing what is still coming: what is fetched when, and what is shown of it.
+#include <atomic>
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <set>
+#include <thread>
+
+#include "scene_fixture.h"
+#include "stgs/player/player.h"
+#include "stream/need.h"
+#include "stream/playback_clock.h"
+#include "stream/throughput.h"
+
+namespace stgs::player {
+namespace {
+
+constexpr std::uint32_t kFrames = 90;  // 3 s
+using Kind = PlayerEvent::Kind;
+
+// What a source does with reads that begin at an offset or behind it.
+class Link {
+ public:
+  enum class Answer { kBytes, kWait, kFail };
+
+  Answer answer(std::uint64_t offset) {
+    std::unique_lock lock(mutex_);
+    asked_.push_back(offset);
+    changed_.notify_all();
+    while (!interrupted_ && of(offset) == Answer::kWait) changed_.wait(lock);
+    return interrupted_ ? Answer::kFail : of(offset);
+  }
+  void set(Answer answer, std::uint64_t begin = 0, std::uint64_t end = ~std::uint64_t{0}) {
+    const std::lock_guard lock(mutex_);
+    answers_.push_back({begin, end, answer});
+    changed_.notify_all();
+  }
+  void interrupt() {
+    const std::lock_guard lock(mutex_);
+    interrupted_ = true;
+    changed_.notify_all();
+  }
+  std::vector<std::uint64_t> asked() {
+    const std::lock_guard lock(mutex_);
+    return asked_;
+  }
+
+ private:
+  struct Rule {
+    std::uint64_t begin, end;
+    Answer answer;
+  };
+  Answer of(std::uint64_t offset) const {
+    for (auto rule = answers_.rbegin(); rule != answers_.rend(); ++rule) {
+      if (rule->begin <= offset && offset < rule->end) return rule->answer;
+    }
+    return Answer::kBytes;
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool interrupted_ = false;
+  std::vector<Rule> answers_;
+  std::vector<std::uint64_t> asked_;
+};
+
+class LinkSource final : public ByteSource {
+ public:
+  LinkSource(std::vector<std::uint8_t> bytes, std::shared_ptr<Link> link)
+      : bytes_(memory_source(std::move(bytes))), link_(std::move(link)) {}
+  std::uint64_t size() const override { return bytes_->size(); }
+  const std::string& name() const override { return bytes_->name(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (link_->answer(offset) == Link::Answer::kFail) return io_error("the link is down");
+    return bytes_->read(offset, out);
+  }
+
+ private:
+  std::unique_ptr<ByteSource> bytes_;
+  std::shared_ptr<Link> link_;
+};
+
+// Three tiers with their harmonics apart, segments of 0.2 s and longer.
+struct Clip {
+  Clip() {
+    Scene scene = testing::random_scene(4000, 2, kFrames, 3);
+    WriteSettings settings;
+    settings.profile = Profile::kQuantised;
+    settings.chunk_seconds = 0.2;
+    auto encoded = encode_scene(scene, settings);
+    REQUIRE(encoded.ok());
+    bytes = std::move(*encoded);
+    reader = std::move(*SceneReader::open(memory_source(bytes)));
+    for (const SegmentInfo& segment : reader->segments()) {
+      pieces_at = std::min(pieces_at, segment.offset);
+    }
+  }
+
+  std::vector<std::uint8_t> bytes;
+  std::unique_ptr<SceneReader> reader;
+  std::uint64_t pieces_at = ~std::uint64_t{0};  // all before it is read when the file is opened
+};
+
+const Clip& clip() {
+  static const Clip clip;
+  return clip;
+}
+
+struct Playing {
+  explicit Playing(PlayerSettings settings = {}, std::vector<std::uint8_t> bytes = clip().bytes,
+                   const std::function<void(Link&)>& prepare = {}) {
+    if (prepare) prepare(*link);
+    auto opened = Player::over(std::make_unique<LinkSource>(std::move(bytes), link), settings,
+                               [link = link] { link->interrupt(); });
+    REQUIRE(opened.ok());
+    player = std::move(*opened);
+  }
+
+  // Advances without time passing until something holds; false after long waiting.
+  bool until(const std::function<bool()>& holds) {
+    for (int k = 0; k < 4000; ++k) {
+      player->advance(now);
+      for (PlayerEvent& event : player->take_events()) events.push_back(std::move(event));
+      if (holds()) return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return false;
+  }
+  bool complete() {
+    return until([&] { return player->layers() == player->layers_of_file(); });
+  }
+  // Plays on until it has ended, 1/30 s at a time; waits where it has to.
+  void to_the_end(const std::function<void()>& at_each = {}) {
+    REQUIRE(until([&] {
+      now += player->state() == PlayerState::kPlaying ? 1.0 / 30 : 0.0;
+      if (at_each) at_each();
+      return player->state() == PlayerState::kEnded;
+    }));
+  }
+  int count(Kind kind) const {
+    return static_cast<int>(std::count_if(events.begin(), events.end(),
+                                          [&](const PlayerEvent& e) { return e.kind == kind; }));
+  }
+
+  bool said(Kind kind, const std::string& words) const {
+    return std::any_of(events.begin(), events.end(), [&](const PlayerEvent& e) {
+      return e.kind == kind && e.message.find(words) != std::string::npos;
+    });
+  }
+
+  std::shared_ptr<Link> link = std::make_shared<Link>();
+  std::unique_ptr<Player> player;
+  std::vector<PlayerEvent> events;
+  double now = 100;
+};
+
+// Fingerprints of what is alive.
+std::multiset<std::string> alive(Timeline& timeline, double seconds) {
+  const auto active = timeline.at(seconds);
+  REQUIRE(active.ok());
+  std::multiset<std::string> out;
+  for (const auto& part : active->parts) {
+    const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
+    out.insert(prints.begin(), prints.end());
+  }
+  return out;
+}
+
+std::multiset<std::string> alive_in_file(double seconds) {
+  auto reader = SceneReader::open(memory_source(clip().bytes));
+  REQUIRE(reader.ok());
+  return alive(*Timeline::over(std::move(*reader)), seconds);
+}
+
+TEST_CASE("how long until a segment is needed depends on where and which way the viewer goes") {
+  const auto need = [](double begin, double end, const Motion& motion) {
+    const Need n = need_of(begin, end, motion);
+    return std::pair(n.from, n.until);
+  };
+  constexpr double kNever = std::numeric_limits<double>::infinity();
+  CHECK(need(40, 60, {20, 10, 100, false}) == std::pair(2.0, 4.0));
+  CHECK(need(10, 60, {20, 10, 100, false}) == std::pair(0.0, 4.0));
+  CHECK(need(10, 15, {20, 10, 100, false}) == std::pair(kNever, kNever));
+  CHECK(need(10, 15, {20, 10, 100, true}) == std::pair(9.0, 9.5));
+  CHECK(need(10, 15, {20, -10, 100, false}) == std::pair(0.5, 1.0));
+  CHECK(need(40, 60, {20, -10, 100, false}) == std::pair(kNever, kNever));
+  CHECK(need(40, 60, {20, -20, 100, true}) == std::pair(3.0, 4.0));
+}
+
+TEST_CASE("a moment follows the clock at its rate, and ends or goes round") {
+  PlaybackClock clock(89, 30);
+  clock.take(clock.after(1));
+  CHECK(clock.ticks() == 30);
+  clock.set_rate(4);
+  const PlaybackClock::Step end = clock.after(1);
+  CHECK(end.ended);
+  CHECK(end.ticks == 89);
+  clock.set_loop(true);
+  CHECK(clock.after(1).looped);
+  CHECK(clock.after(1).ticks == Approx(60));
+  clock.set_loop(false);
+  clock.set_rate(-2);
+  CHECK(clock.after(0.25).ticks == 15);
+  CHECK(clock.after(1).ended);
+  CHECK(clock.after(1).ticks == 0);
+  clock.seek(1e9);
+  CHECK(clock.ticks() == 89);
+}
+
+TEST_CASE("the speed of a link counts only time in which something was under way") {
+  Throughput link;
+  CHECK(link.bytes_per_second() == 0);
+  link.begin(10);
+  link.begin(10);
+  link.arrived(1000, 10.5);
+  link.end(10.5);
+  link.arrived(1000, 11);
+  link.end(11);
+  const double before = link.bytes_per_second();
+  CHECK(before == Approx(2000).epsilon(0.2));
+  link.begin(500);
+  CHECK(link.bytes_per_second() == before);
+  for (double t = 500.5; t < 530; t += 0.5) link.arrived(50, t);
+  CHECK(link.bytes_per_second() == Approx(100).epsilon(0.2));
+}
+
+TEST_CASE("a sought frame has, once it has come, exactly what is alive in the file") {
+  Playing p;
+  for (const std::uint32_t frame : {0u, 45u, 89u, 3u}) {
+    REQUIRE(p.player->seek_frame(frame).ok());
+    CHECK(p.player->advance(p.now) == frame / 30.0);
+    REQUIRE(p.complete());
+    CHECK(p.player->ready());
+    CHECK(alive(p.player->timeline(), frame / 30.0) == alive_in_file(frame / 30.0));
+  }
+  CHECK_FALSE(p.player->seek_frame(kFrames).ok());
+  CHECK_FALSE(p.player->seek(std::numeric_limits<double>::quiet_NaN()).ok());
+  CHECK_FALSE(p.player->set_rate(0).ok());
+  CHECK_FALSE(p.player->set_rate(4.5).ok());
+}
+
+TEST_CASE("what is needed first is fetched first, the base of the moment before all else") {
+  PlayerSettings settings;
+  settings.fetches = 1;
+  Playing p(settings, clip().bytes,
+            [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); });
+  // One read is under way, of the beginning; the moment is elsewhere before it is answered.
+  REQUIRE(p.until([&] { return p.link->asked().back() >= clip().pieces_at; }));
+  const std::size_t before = p.link->asked().size();
+  REQUIRE(p.player->seek(2.0).ok());
+  p.link->set(Link::Answer::kBytes);
+  REQUIRE(p.complete());
+  const SceneReader& reader = *clip().reader;
+  std::map<std::uint64_t, double> urgencies;
+  const Motion motion{60, 30, kFrames, false};
+  for (const SegmentInfo& s : reader.segments()) {
+    const Need need = need_of(s.begin_ticks, s.end_ticks, motion);
+    urgencies[s.offset] = urgency(need, layer_of(s, false, 3), settings.layer_patience_seconds);
+    if (s.harmonics_bytes > 0) {
+      urgencies[s.harmonics_offset] =
+          urgency(need, layer_of(s, true, 3), settings.layer_patience_seconds);
+    }
+  }
+  const std::vector<std::uint64_t> asked = p.link->asked();
+  REQUIRE(asked.size() > before + 8);
+  double last = 0;
+  for (std::size_t k = before; k < asked.size(); ++k) {
+    CHECK(urgencies.at(asked[k]) >= last);
+    last = urgencies.at(asked[k]);
+  }
+  CHECK(urgencies.at(asked[before]) == 0);
+}
+
+TEST_CASE("play waits for what has not come, goes on when it has, and says so") {
+  Playing p({}, clip().bytes, [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); });
+  p.player->play();
+  for (int k = 0; k < 5; ++k) p.player->advance(p.now += 1);
+  CHECK(p.player->state() == PlayerState::kBuffering);
+  CHECK(p.player->seconds() == 0);
+  CHECK(alive(p.player->timeline(), 0).empty());
+  CHECK(p.player->buffered().empty());
+  p.link->set(Link::Answer::kBytes);
+  REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+  p.to_the_end();
+  CHECK(p.player->seconds() == 89.0 / 30);
+  CHECK(p.count(Kind::kResumed) >= 1);
+  CHECK(p.count(Kind::kEnded) == 1);
+  CHECK(p.count(Kind::kLost) == 0);
+  REQUIRE(p.player->buffered().size() == 1);
+  CHECK(p.player->buffered()[0].end == Approx(3.0));
+}
+
+TEST_CASE("a link that goes down degrades the picture and is made up for") {
+  PlayerSettings settings;
+  settings.retry_seconds = 0.02;
+  Playing p(settings, clip().bytes,
+            [](Link& link) { link.set(Link::Answer::kFail, clip().pieces_at); });
+  p.player->play();
+  // Nothing can be had, so the empty picture goes on rather than standing still for ever.
+  REQUIRE(p.until([&] { return p.count(Kind::kLost) > 3; }));
+  CHECK(p.said(Kind::kLost, "the link is down"));
+  p.link->set(Link::Answer::kBytes);
+  p.player->pause();
+  REQUIRE(p.complete());
+  CHECK(alive(p.player->timeline(), p.player->seconds()) == alive_in_file(p.player->seconds()));
+}
+
+TEST_CASE("damage costs its piece alone") {
+  const SegmentInfo* base = nullptr;
+  const SegmentInfo* harmonics = nullptr;
+  for (const SegmentInfo& s : clip().reader->segments()) {
+    if (s.level < 0 && s.tier == 1) base = &s;
+    if (s.level < 0 && s.tier == 0 && s.harmonics_bytes > 0) harmonics = &s;
+  }
+  REQUIRE(base != nullptr);
+  REQUIRE(harmonics != nullptr);
+  std::vector<std::uint8_t> bytes = clip().bytes;
+  bytes[base->offset + base->bytes / 2] ^= 1;
+  bytes[harmonics->harmonics_offset + harmonics->harmonics_bytes / 2] ^= 1;
+  Playing p({}, bytes);
+  REQUIRE(p.until([&] { return p.count(Kind::kDamaged) >= 2; }));
+  REQUIRE(p.until([&] { return p.player->ready(); }));
+  std::set<std::uint64_t> damaged;
+  for (const PlayerEvent& event : p.events) {
+    if (event.kind == Kind::kDamaged) damaged.insert(event.offset);
+  }
+  CHECK(damaged.contains(base->offset));
+  CHECK(damaged.contains(harmonics->harmonics_offset));
+  const auto active = p.player->timeline().at(0);
+  REQUIRE(active.ok());
+  const auto segment = static_cast<std::uint32_t>(harmonics - clip().reader->segments().data());
+  CHECK(std::any_of(active->parts.begin(), active->parts.end(),
+                    [&](const auto& part) { return part.segment == segment; }));
+}
+
+TEST_CASE("memory stays within its budget, and play comes to the end all the same") {
+  PlayerSettings settings;
+  std::uint64_t most = 0;
+  for (double t = 0; t < kFrames; t += 1) {
+    std::uint64_t alive = 0;
+    for (const std::uint32_t s : clip().reader->segments_between(t, t)) {
+      const SegmentInfo& segment = clip().reader->segments()[s];
+      alive += segment.bytes + segment.harmonics_bytes + 260 * std::uint64_t{segment.primitives};
+    }
+    most = std::max(most, alive);
+  }
+  settings.memory_budget = most + most / 4;
+  Playing p(settings);
+  p.player->play();
+  p.to_the_end([&] { CHECK(p.player->statistics().memory_bytes <= settings.memory_budget); });
+  REQUIRE(p.complete());
+
+  settings.memory_budget = 1000;
+  Playing none(settings);
+  REQUIRE(none.until([&] { return none.count(Kind::kLost) > 0; }));
+  CHECK(none.said(Kind::kLost, "memory"));
+}
+
+TEST_CASE("play goes backwards and round") {
+  Playing p;
+  REQUIRE(p.player->seek_frame(89).ok());
+  REQUIRE(p.player->set_rate(-2).ok());
+  p.player->play();
+  double last = 1e9;
+  p.to_the_end([&] {
+    CHECK(p.player->seconds() <= last);
+    last = p.player->seconds();
+  });
+  CHECK(p.player->seconds() == 0);
+  p.player->set_loop(true);
+  REQUIRE(p.player->set_rate(4).ok());
+  p.player->play();
+  REQUIRE(p.until([&] {
+    p.now += 1.0 / 30;
+    return p.count(Kind::kLooped) >= 3;
+  }));
+}
+
+TEST_CASE("a player ends at once while its reads wait") {
+  const auto begin = std::chrono::steady_clock::now();
+  {
+    Playing p({}, clip().bytes,
+              [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); });
+    REQUIRE(p.until([&] { return p.link->asked().back() >= clip().pieces_at; }));
+  }
+  CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(20));
+}
+
+}  // namespace
+}  // namespace stgs::player
