@@ -270,6 +270,8 @@ class Training(Paging):
             (USAGE, "--ablate: colour not in", self.train("--ablate", "colour")),
             (USAGE, "--iterations: 0 is out of range", self.train("--iterations", "0")),
             (USAGE, "write KEY=VALUE", self.train("--set", "lambda")),
+            (USAGE, "the option of that name is given too",
+             self.train("--set", "iterations=5", "--iterations", "2")),
             (USAGE, "no such hyper-parameter", self.train("--set", "zzz=1")),
             (USAGE, "the hyper-parameter iterations is 0; it must be from 1 to",
              self.train("--set", "iterations=0")),

@@ -121,6 +121,10 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
       return usage_error("--set {}: no such hyper-parameter{}; see 'stgs train --list-parameters'",
                          key, near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
     }
+    if ((key == "iterations" && iterations_ != 0) ||
+        (key == "max_primitives" && max_primitives_ != 0)) {
+      return usage_error("--set {}: the option of that name is given too; leave one out", text);
+    }
     settings.overrides.emplace_back(key, text.substr(equals + 1));
   }
   if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";

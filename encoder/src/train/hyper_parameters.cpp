@@ -27,6 +27,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("lr_velocity_final", p.lr_velocity_final);
   visit("velocity_shrink", p.velocity_shrink);
   visit("still_from", p.still_from);
+  visit("still_least", p.still_least);
   visit("lr_scale", p.lr_scale);
   visit("lr_rotation", p.lr_rotation);
   visit("lr_opacity", p.lr_opacity);

@@ -31,9 +31,10 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.rates[kTime] = static_cast<float>(p.lr_time);
   input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
   input.rates[kRadius] = static_cast<float>(p.lr_radius);
-  input.settle = {
-      math::lifespan_modulation(static_cast<float>(p.still_from * capture.frames), 0.0f),
-      static_cast<float>(p.velocity_shrink) * input.rates[kVelocity]};
+  // What moves begins with a lifespan of a few frames, which is long in a short clip.
+  const double still = std::max(p.still_from * capture.frames, p.still_least);
+  input.settle = {math::lifespan_modulation(static_cast<float>(still), 0.0f),
+                  static_cast<float>(p.velocity_shrink) * input.rates[kVelocity]};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
   input.rate_colour = static_cast<float>(p.lr_colour);
   input.weight_l1 = static_cast<float>(p.weight_l1);
