@@ -17,6 +17,7 @@ import time
 import unittest
 
 from faulty_server import FaultyServer
+from nginx import Nginx
 
 PROBE, STGS, VECTOR = (os.path.abspath(p) for p in sys.argv[1:4])
 DATA = random.Random(5).randbytes(300_000)
@@ -238,32 +239,10 @@ class Verbs(unittest.TestCase):
 
     @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
     def test_nginx(self):
-        with tempfile.TemporaryDirectory() as folder, socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-            free.close()
+        with tempfile.TemporaryDirectory() as folder:
             shutil.copy(VECTOR, folder + "/scene.stgs")
-            config = f"""
-                worker_processes 1; daemon off; pid {folder}/pid; error_log {folder}/error.log;
-                events {{}}
-                http {{ access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
-                  fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
-                  scgi_temp_path {folder}/5;
-                  server {{ listen 127.0.0.1:{port}; root {folder}; limit_rate 2m; }} }}"""
-            with open(folder + "/nginx.conf", "w", encoding="ascii") as file:
-                file.write(config if os.getuid() else "user root;" + config)
-            server = subprocess.Popen(["nginx", "-e", folder + "/error.log", "-c",
-                                       folder + "/nginx.conf"], stderr=subprocess.DEVNULL)
-            try:
-                for _ in range(100):
-                    with socket.socket() as client:
-                        if client.connect_ex(("127.0.0.1", port)) == 0:
-                            break
-                    time.sleep(0.05)
-                self.same(f"http://127.0.0.1:{port}/scene.stgs")
-            finally:
-                server.terminate()
-                server.wait()
+            with Nginx(folder, limit="2m") as server:
+                self.same(server.url)
 
 
 if __name__ == "__main__":

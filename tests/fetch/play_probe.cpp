@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plays a scene as test_play.py asks for, and prints what came of it as JSON.
+//
+// usage: play_probe make FILE
+//        play_probe play PLACE LOCAL SECONDS [SEEK...]
+//   Plays PLACE for SECONDS of the clock at 30 pictures a second (round and round), seeks to each
+//   moment SEEK 0.3 s apart meanwhile, then pauses, waits until all has come that can come (5 s at
+//   most), and compares what is alive with LOCAL, the same file on a disk.
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "../api/scene_fixture.h"
+#include "stgs/player/player.h"
+
+using namespace stgs;
+using namespace stgs::player;
+using Json = nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+namespace {
+
+constexpr double kTick = 1.0 / 30, kBetweenSeeks = 0.3, kLongestWait = 5;
+
+double seconds() {
+  return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+}
+
+[[noreturn]] void fail(const Status& status) {
+  std::printf("%s\n", Json{{"error", status.message()}}.dump().c_str());
+  std::exit(0);
+}
+
+void make(const std::string& path) {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.chunk_seconds = 0.25;
+  const Status status = write_scene(path, testing::random_scene(20000, 2, 90, 9), settings);
+  if (!status.ok()) fail(status);
+}
+
+const char* name_of(PlayerEvent::Kind kind) {
+  constexpr const char* kNames[] = {"buffering", "resumed", "looped", "ended",
+                                    "layers",    "retry",   "lost",   "damaged"};
+  return kNames[static_cast<int>(kind)];
+}
+
+// The candidates at a moment, as the numbers that the file gives them.
+std::vector<std::uint32_t> alive(Timeline& timeline, double moment) {
+  const auto active = timeline.at(moment);
+  if (!active.ok()) fail(active.status());
+  std::vector<std::uint32_t> ids;
+  for (const auto& part : active->parts) {
+    for (const std::uint32_t i : *part.candidates) ids.push_back(part.id_base + i);
+  }
+  return ids;
+}
+
+class Show {
+ public:
+  Show(Player& player, double begin) : player_(player), begin_(begin) {}
+
+  void play(double duration, const std::vector<double>& seeks) {
+    player_.set_loop(true);
+    player_.play();
+    std::size_t sought = 0;
+    for (double now = seconds(); now < begin_ + duration; now = seconds()) {
+      if (sought < seeks.size() && now > begin_ + kBetweenSeeks * static_cast<double>(sought + 1)) {
+        if (Status status = player_.seek(seeks[sought++]); !status.ok()) fail(status);
+      }
+      tick(now);
+    }
+  }
+  void complete() {
+    player_.pause();
+    const double end = seconds() + kLongestWait;
+    while (seconds() < end && player_.layers() < player_.layers_of_file()) tick(seconds());
+  }
+  Json report(Timeline& local) {
+    const StreamStatistics statistics = player_.statistics();
+    return {
+        {"first_ready", first_ready_},
+        {"longest_call", longest_call_},
+        {"pictures", pictures_},
+        {"pictures_ready", ready_},
+        {"layers", player_.layers()},
+        {"layers_of_file", player_.layers_of_file()},
+        {"fewest_layers", fewest_},
+        {"same", alive(player_.timeline(), player_.seconds()) == alive(local, player_.seconds())},
+        {"bytes_per_second", statistics.bytes_per_second},
+        {"fetched_bytes", statistics.fetched_bytes},
+        {"counts", counts_},
+        {"messages", messages_}};
+  }
+
+ private:
+  void tick(double now) {
+    const double moment = player_.advance(now);
+    alive(player_.timeline(), moment);
+    const bool ready = player_.ready();
+    longest_call_ = std::max(longest_call_, seconds() - now);
+    if (ready && first_ready_ < 0) first_ready_ = now - begin_;
+    ++pictures_;
+    ready_ += ready ? 1 : 0;
+    if (ready) fewest_ = std::min(fewest_, player_.layers());
+    for (const PlayerEvent& event : player_.take_events()) {
+      counts_[name_of(event.kind)] = counts_.value(name_of(event.kind), 0) + 1;
+      if (!event.message.empty()) messages_.push_back(event.message);
+    }
+    std::this_thread::sleep_for(std::chrono::duration<double>(kTick));
+  }
+
+  Player& player_;
+  double begin_, first_ready_ = -1, longest_call_ = 0;
+  int pictures_ = 0, ready_ = 0, fewest_ = 1000;
+  Json counts_ = Json::object(), messages_ = Json::array();
+};
+
+void play(int argc, char** argv) {
+  PlayerSettings settings;
+  settings.retry_seconds = 0.1;
+  settings.http.tries = 2;
+  settings.http.back_off_seconds = 0.02;
+  settings.http.stall_seconds = 1;
+  settings.http.head_bytes = 4096;
+  const double begin = seconds();
+  auto player = Player::open(argv[2], settings);
+  if (!player.ok()) fail(player.status());
+  auto local = Timeline::open(argv[3]);
+  if (!local.ok()) fail(local.status());
+  std::vector<double> seeks;
+  for (int k = 5; k < argc; ++k) seeks.push_back(std::atof(argv[k]));
+  Show show(**player, begin);
+  show.play(std::atof(argv[4]), seeks);
+  show.complete();
+  Json report = show.report(**local);
+  const double closing = seconds();
+  player->reset();
+  report["closed_in"] = seconds() - closing;
+  std::printf("%s\n", report.dump().c_str());
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string verb = argc > 1 ? argv[1] : "";
+  if (verb == "make" && argc == 3) {
+    make(argv[2]);
+  } else if (verb == "play" && argc >= 5) {
+    play(argc, argv);
+  } else {
+    std::fprintf(stderr, "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...]\n");
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Playing over HTTP: whatever the network and the server do, the picture degrades and recovers.
+
+usage: test_play.py PLAY_PROBE [unittest arguments]
+"""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from faulty_server import FaultyServer
+from nginx import Nginx
+
+PROBE = os.path.abspath(sys.argv[1])
+
+
+class Play(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.file = cls.folder.name + "/scene.stgs"
+        subprocess.run([PROBE, "make", cls.file], check=True, timeout=120)
+        with open(cls.file, "rb") as file:
+            cls.data = file.read()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def play(self, place, seconds, *seeks):
+        run = subprocess.run([PROBE, "play", place, self.file, str(seconds), *map(str, seeks)],
+                             stdout=subprocess.PIPE, check=True, timeout=60)
+        out = json.loads(run.stdout)
+        self.assertNotIn("error", out)
+        return out
+
+    def recovers(self, out):
+        """All has come in the end, and no call waited for the link."""
+        self.assertEqual(out["layers"], out["layers_of_file"], out)
+        self.assertTrue(out["same"], out)
+        self.assertLess(out["longest_call"], 0.5, out)
+        self.assertLess(out["closed_in"], 2, out)
+
+    def faulty(self, faults, seconds=1.5, *seeks):
+        with FaultyServer(self.data, [{}, *faults]) as server:
+            out = self.play(server.url, seconds, *seeks)
+        self.recovers(out)
+        return out
+
+    def test_a_file(self):
+        out = self.play(self.file, 0.7, 2.9, 0.1)
+        self.recovers(out)
+        self.assertLessEqual(set(out["counts"]), {"buffering", "resumed", "looped", "layers"})
+
+    @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
+    def test_nginx(self):
+        with Nginx(self.folder.name) as server:
+            out = self.play(server.url, 1)
+        self.recovers(out)
+        self.assertEqual(out["messages"], [])
+
+    @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
+    def test_a_slow_link_has_the_base_first(self):
+        """Four connections that carry the file in some 3 s."""
+        limit = len(self.data) // 12
+        with Nginx(self.folder.name, limit=str(limit)) as server:
+            out = self.play(server.url, 2)
+        self.recovers(out)
+        self.assertLess(out["fewest_layers"], out["layers_of_file"], out)
+        self.assertGreater(out["pictures_ready"], 0)
+        self.assertGreater(out["bytes_per_second"], limit / 4)
+
+    def test_answers_that_come_late(self):
+        out = self.faulty([{"delay": 0.2}] * 400)
+        self.assertEqual(out["messages"], [])
+
+    def test_connections_that_are_reset(self):
+        out = self.faulty([{}, {"cut": 500}, {"cut": 0}, {}, {"cut": 100}] * 3)
+        self.assertGreater(out["counts"].get("retry", 0), 0, out)
+
+    def test_a_404_in_mid_stream(self):
+        out = self.faulty([{}] * 4 + [{"status": 404}] * 6)
+        self.assertGreater(out["counts"].get("lost", 0), 0, out)
+        self.assertTrue(any("404" in m for m in out["messages"]), out)
+
+    def test_a_link_that_stalls(self):
+        out = self.faulty([{}, {"stall": 100}, {}, {"stall": 0}], 3)
+        self.assertGreater(out["counts"].get("retry", 0), 0, out)
+
+    def test_seeks_while_all_is_late(self):
+        self.faulty([{"delay": 0.1}] * 400, 2, 2.5, 0.2, 1.7, 0.9, 2.9)
+
+    def test_a_file_that_is_replaced_while_it_plays(self):
+        def replace(server):
+            server.data = server.data[::-1]
+            server.etag = '"2"'
+
+        with FaultyServer(self.data, [{}] * 4 + [{"do": replace}]) as server:
+            out = self.play(server.url, 1.5)
+        self.assertGreater(out["counts"].get("lost", 0), 0, out)
+        self.assertEqual(out["counts"].get("damaged", 0), 0, out)
+        self.assertLess(out["longest_call"], 0.5, out)
+        self.assertLess(out["closed_in"], 2, out)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], *sys.argv[2:]], verbosity=2)
