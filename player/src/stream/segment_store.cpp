@@ -29,6 +29,7 @@ SegmentStore::SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& sou
   entries_.resize(segments.size());
   for (std::size_t s = 0; s < segments.size(); ++s) {
     if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
+    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
     if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
   }
   motion_.duration = reader_->metadata().frames;
@@ -127,6 +128,11 @@ StreamStatistics SegmentStore::statistics() const {
 std::vector<PlayerEvent> SegmentStore::take_events() {
   const std::lock_guard lock(mutex_);
   return std::exchange(events_, {});
+}
+
+std::vector<Loss> SegmentStore::losses() const {
+  const std::lock_guard lock(mutex_);
+  return losses_;
 }
 
 void SegmentStore::tell(PlayerEvent event) {
@@ -370,6 +376,7 @@ void SegmentStore::decode_segments() {
     memory_ -= memory_of(bad);
     source_.drop(piece_offset(bad));
     lose(bad, kForEver, PlayerEvent::Kind::kDamaged, status);
+    losses_.push_back({bad.segment, bad.harmonics, status});
   }
 }
 

@@ -45,6 +45,8 @@ class SegmentStore {
   // Layers of which all is there at a moment, from 0 on.
   int layers(double ticks) const;
   StreamStatistics statistics() const;
+  // What damage has taken so far.
+  std::vector<Loss> losses() const;
   // What has happened since the last call.
   std::vector<PlayerEvent> take_events();
   // Adds one, at the moment of the motion.
@@ -101,6 +103,7 @@ class SegmentStore {
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0;
   std::vector<PlayerEvent> events_;
+  std::vector<Loss> losses_;
   std::vector<std::thread> threads_;
 };
 

@@ -29,6 +29,7 @@ class StreamTimeline final : public Timeline {
   double complete_seconds() const override {
     return metadata().time_base.seconds(store_.reader().complete_ticks());
   }
+  const std::vector<Loss>& losses() const override { return losses_; }
   std::uint64_t memory_bytes() const override { return store_.statistics().memory_bytes; }
   std::uint64_t stored_primitives() const override { return store_.statistics().stored_primitives; }
 
@@ -41,6 +42,7 @@ class StreamTimeline final : public Timeline {
     std::vector<std::uint32_t> alive = store_.reader().segments_between(active.ticks, active.ticks);
     std::sort(alive.begin(), alive.end());
     drawn_.clear();
+    losses_ = store_.losses();
     for (const std::uint32_t segment : alive) {
       if (auto held = store_.held(segment)) drawn_.push_back({segment, std::move(held), {}});
     }
@@ -73,6 +75,7 @@ class StreamTimeline final : public Timeline {
   std::string name_;
   std::vector<std::uint32_t> id_base_;
   std::vector<Drawn> drawn_;
+  std::vector<Loss> losses_;
 };
 
 }  // namespace
