@@ -104,13 +104,7 @@ __device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMos
   return rest > 0.0 && in_range(job, q[0]) && in_range(job, q[1]) && in_range(job, q[2]);
 }
 
-// Components that make floats together, and how many floats.
-__device__ std::uint32_t together(const MapJob& job) {
-  if (job.attribute == Attribute::kRotation) return job.components;
-  return job.mapping == Mapping::kColour ? 3 : 1;
-}
-
-// The floats of components [c, c + together) of primitive i; false where one is out of range.
+// The floats of components [c, c + width) of primitive i; false where one is out of range.
 __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
                            std::uint32_t (&q)[kMostTogether], float (&out)[kMostTogether]) {
   switch (job.mapping) {
@@ -171,16 +165,13 @@ __global__ void __launch_bounds__(kThreads) sum_kernel(const MapJob* jobs, const
   __shared__ typename Reduce::TempStorage storage;
   const MapWork work = works[blockIdx.x];
   const MapJob& job = jobs[work.job];
-  for (std::uint32_t c = 0; c < job.components; ++c) {
-    std::uint64_t sum = 0;
-    for (std::uint32_t r = 0; r < kRounds; ++r) {
-      const std::uint32_t i = work.chunk * kMapChunk + r * kThreads + threadIdx.x;
-      if (i < job.primitives) sum += difference_at(job, c, i);
-    }
-    sum = Reduce(storage).Sum(sum);
-    __syncthreads();
-    if (threadIdx.x == 0) job.sums[std::uint64_t{work.chunk} * job.components + c] = sum;
+  std::uint64_t sum = 0;
+  for (std::uint32_t r = 0; r < kRounds; ++r) {
+    const std::uint32_t i = work.chunk * kMapChunk + r * kThreads + threadIdx.x;
+    if (i < job.primitives) sum += difference_at(job, work.component, i);
   }
+  sum = Reduce(storage).Sum(sum);
+  if (threadIdx.x == 0) job.sums[std::uint64_t{work.chunk} * job.components + work.component] = sum;
 }
 
 // A thread block takes a job, a warp of it a component: chunk by chunk, 32 at a time.
@@ -260,15 +251,9 @@ __device__ bool map_components(const MapJob& job, std::uint32_t chunk, std::uint
 __global__ void __launch_bounds__(kThreads) map_kernel(const MapJob* jobs, const MapWork* works) {
   const MapWork work = works[blockIdx.x];
   const MapJob& job = jobs[work.job];
-  bool good = true;
-  if (job.prediction == Prediction::kMorton) {
-    good = map_keys(job, work.chunk);
-  } else {
-    const std::uint32_t width = together(job);
-    for (std::uint32_t c = 0; c < job.components; c += width) {
-      good = map_components(job, work.chunk, c, width) && good;
-    }
-  }
+  const bool good = job.prediction == Prediction::kMorton
+                        ? map_keys(job, work.chunk)
+                        : map_components(job, work.chunk, work.component, job.width);
   if (!good) *job.bad = 1;
 }
 

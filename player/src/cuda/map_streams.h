@@ -37,15 +37,16 @@ struct MapJob {
   Step step;
   std::uint32_t most = 0;  // of |q|
   std::uint32_t components = 0, stride = 0, digits = 0;
+  std::uint32_t width = 1;  // components that make floats together
   Attribute attribute = Attribute::kPosition;
   Mapping mapping = Mapping::kFloat;
   Prediction prediction = Prediction::kPlain;
   std::uint8_t digit_bits[kMaxDigits] = {};
 };
 
-// A chunk of a stream.
+// A chunk of a stream's components [component, component + width); for sums, of one component.
 struct MapWork {
-  std::uint32_t job = 0, chunk = 0;
+  std::uint32_t job = 0, chunk = 0, component = 0;
 };
 
 constexpr std::uint32_t map_chunks(std::uint32_t primitives) {

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A warp decodes a block, a lane of it is a lane of the block; the warps of a thread block go
-// through the planes together, so that a plane's table is brought to shared memory once for all.
+// through the planes together, so that a plane's table is brought to shared memory once for all,
+// while the plane before is decoded.
 #include "cuda/rans_decode.h"
+
+#include <cuda_pipeline_primitives.h>
 
 namespace stgs::player::cuda {
 namespace {
@@ -45,9 +48,13 @@ class Words {
   std::uint32_t near_, far_;
 };
 
-__device__ void load_lookup(const std::uint32_t* from, std::uint32_t* to) {
-  for (unsigned i = threadIdx.x; i < kRansTotal / 4; i += kThreads)
-    reinterpret_cast<uint4*>(to)[i] = __ldg(reinterpret_cast<const uint4*>(from) + i);
+// Starts to bring a plane's table to shared memory.
+__device__ void load_lookup(const RansGroup& group, std::uint32_t plane, std::uint32_t* to) {
+  const std::uint32_t* from = group.lookups + std::uint64_t{group.tables[plane]} * kRansTotal;
+  for (unsigned i = 4 * threadIdx.x; i < kRansTotal; i += 4 * kThreads) {
+    __pipeline_memcpy_async(to + i, from + i, sizeof(uint4));
+  }
+  __pipeline_commit();
 }
 
 // The symbols of a warp's block in one plane. The warp takes every step as one, as its lanes
@@ -70,7 +77,7 @@ __device__ void decode_plane(const std::uint32_t* lookup, std::uint32_t count, s
 
 __global__ void __launch_bounds__(kThreads)
     decode_kernel(const RansGroup* groups, const RansWork* works) {
-  __shared__ alignas(16) std::uint32_t lookup[kRansTotal];
+  __shared__ alignas(16) std::uint32_t lookups[2][kRansTotal];  // of this plane and the next
   const RansWork work = works[blockIdx.x];
   const RansGroup group = groups[work.group];
   const unsigned lane = threadIdx.x % kLanes;
@@ -90,11 +97,12 @@ __global__ void __launch_bounds__(kThreads)
                                            << 16;
   }
   Words words(stored + 2 * lanes, place.words, lane);
+  if (group.planes > 0) load_lookup(group, 0, lookups[0]);
   for (std::uint32_t p = 0; p < group.planes; ++p) {
-    __syncthreads();  // all have done with the plane before
-    load_lookup(group.lookups + std::uint64_t{group.tables[p]} * kRansTotal, lookup);
-    __syncthreads();
-    decode_plane(lookup, count, lanes, lane, state, words,
+    __pipeline_wait_prior(0);
+    __syncthreads();  // the table is there, and all have done with the plane before
+    if (p + 1 < group.planes) load_lookup(group, p + 1, lookups[(p + 1) % 2]);
+    decode_plane(lookups[p % 2], count, lanes, lane, state, words,
                  group.symbols + std::uint64_t{p} * group.primitives + begin);
   }
   const bool sound = __all_sync(kAllLanes, state == kRansLow) && words.at_end();

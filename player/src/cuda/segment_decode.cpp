@@ -78,6 +78,14 @@ bool is_summed(const CodedStream& stream) {
   return stream.prediction == Prediction::kDelta || stream.prediction == Prediction::kMorton;
 }
 
+// Components that make floats together.
+std::uint32_t width_of(const CodedStream& stream) {
+  if (stream.attribute == Attribute::kRotation) {
+    return static_cast<std::uint32_t>(stream.components);
+  }
+  return stream.mapping == Mapping::kColour ? 3 : 1;
+}
+
 // Memory that a segment takes: uploaded, and on the device alone.
 struct Need {
   std::size_t upload = 0, scratch = 0;
@@ -95,7 +103,7 @@ Need need_of(const CodedSegment& segment) {
     need.scratch += aligned(n * record.tables.size());
     for (const CodedStream& stream : record.streams) {
       need.upload += aligned(sizeof(MapPlane) * stream.planes.size()) + sizeof(MapJob) +
-                     sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks;
+                     sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks * stream.components;
       if (is_summed(stream)) {
         need.scratch += aligned(sizeof(std::uint64_t) * chunks * stream.components);
       }
@@ -228,6 +236,7 @@ class SegmentDecoder::Plan {
     job.most = most_steps(stream.mapping, stream.step.multiplier);
     job.components = static_cast<std::uint32_t>(stream.components);
     job.digits = static_cast<std::uint32_t>(stream.digits);
+    job.width = width_of(stream);
     job.attribute = stream.attribute;
     job.mapping = stream.mapping;
     job.prediction = stream.prediction;
@@ -238,9 +247,13 @@ class SegmentDecoder::Plan {
       summed_.push_back(number);
     }
     jobs_.push_back(job);
+    std::vector<MapWork>& maps = work_[needs_others(stream) ? 1 : 0];
     for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) {
-      if (is_summed(stream)) sum_work_.push_back({number, chunk});
-      work_[needs_others(stream) ? 1 : 0].push_back({number, chunk});
+      for (std::uint32_t c = 0; is_summed(stream) && c < job.components; ++c) {
+        sum_work_.push_back({number, chunk, c});
+      }
+      for (std::uint32_t c = 0; c < job.components; c += job.width)
+        maps.push_back({number, chunk, c});
     }
   }
 
