@@ -521,7 +521,7 @@ TEST_CASE("rates of 0 and stages of no length leave every setting a number") {
 TEST_CASE("what moves is not brought to rest for filling a clip that is short") {
   const HyperParameters parameters;
   PreparedCapture capture;
-  for (const auto& [frames, still] : {std::pair(4u, 8.0f), {40u, 8.0f}, {60u, 12.0f}}) {
+  for (const auto& [frames, still] : {std::pair(4u, 6.0f), {40u, 8.0f}, {60u, 12.0f}}) {
     capture.frames = frames;
     StepInput input;
     set_schedule(parameters, capture, 0.5, false, input);

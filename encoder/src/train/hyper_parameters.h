@@ -32,7 +32,7 @@ struct HyperParameters {
   double lr_velocity_final = 6.4e-5;
   double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity
   double still_from = 0.2;     // long: sigma + r above this share of the clip,
-  double still_least = 8;      // and above as many frames
+  double still_least = 6;      // and above as many frames
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
   double lr_opacity = 5e-2;
