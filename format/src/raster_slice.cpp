@@ -37,12 +37,6 @@ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour
          std::isfinite(sum.z);
 }
 
-// Also true where something is not a number.
-bool outside(const PinholeCamera& camera, Vec2 mean, Vec2 extent) {
-  return !(mean.x + extent.x >= 0.0f && mean.y + extent.y >= 0.0f &&
-           mean.x - extent.x <= camera.width && mean.y - extent.y <= camera.height);
-}
-
 // Whether a ball around the Gaussian at camera point c projects outside the image: the test that
 // needs one exponential, before the exact one that needs the covariance.
 bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
@@ -53,7 +47,7 @@ bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
   const Vec2 extent{std::sqrt(q * (s * s * dot3(rows.u, rows.u) + kScreenBlur)),
                     std::sqrt(q * (s * s * dot3(rows.v, rows.v) + kScreenBlur))};
   const Vec2 mean{camera.fx * c.x / c.z + camera.cx, camera.fy * c.y / c.z + camera.cy};
-  return outside(camera, mean, extent);
+  return outside_image(camera, mean, extent);
 }
 
 // The splat of primitive i, cheapest tests first; false where it is not visible.
@@ -77,13 +71,12 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
                     {std::exp(log_scale[0]), std::exp(log_scale[1]), std::exp(log_scale[2])});
   const Projection p = project_gaussian(view.camera, position, covariance);
   if (!p.visible) return false;
-  // The conic is the covariance's inverse up to a rounding error that grows with its elongation.
-  const float elongation = p.covariance.xx * p.conic.xx;
+  const float elongation = elongation_of(p);
   if (!std::isfinite(elongation) || !std::isfinite(p.conic.xy)) return false;
   const Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
-  const float slack = 1.0f + 1e-6f * (1.0f + elongation);
+  const float slack = extent_slack(elongation);
   out.extent = {extent.x * slack, extent.y * slack};
-  if (outside(view.camera, p.mean, out.extent)) return false;
+  if (outside_image(view.camera, p.mean, out.extent)) return false;
 
   out.mean = p.mean;
   out.conic = p.conic;

@@ -1,27 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "held_segment.h"
 
-#include <cmath>
-#include <limits>
+#include <utility>
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 
 namespace stgs::player {
 
-// Widens by what float arithmetic can lose, so that the slice, not the timeline, decides on the
-// last bit. Empty supports become begin > end.
 HeldSegment::HeldSegment(Gaussians4D decoded) : set(std::move(decoded)) {
   begin.resize(set.size());
   end.resize(set.size());
   for (std::size_t i = 0; i < set.size(); ++i) {
-    const float opacity = math::opacity_of(set.opacity_logit[i]);
-    const float slack = 1e-5f * math::kAlphaThreshold;
-    const float half = math::support_half_width(opacity + slack, set.sigma[i], set.radius[i],
-                                                math::kAlphaThreshold);
-    const float margin = 1e-5f * (std::abs(set.time[i]) + std::abs(half)) + 1e-5f;
-    begin[i] = half < 0 ? std::numeric_limits<float>::max() : set.time[i] - half - margin;
-    end[i] = half < 0 ? std::numeric_limits<float>::lowest() : set.time[i] + half + margin;
+    const math::Support support =
+        math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i], set.sigma[i],
+                                set.radius[i], math::kAlphaThreshold);
+    begin[i] = support.begin;
+    end[i] = support.end;
   }
 }
 

@@ -2,19 +2,37 @@
 #include "stgs/player/renderer.h"
 
 #include "cpu/cpu_renderer.h"
+#include "cuda/cuda_renderer.h"
 
 namespace stgs::player {
 
+#if !STGS_HAS_CUDA
+Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings&) {
+  return not_built("backend 'cuda' is not part of this build; use --backend cpu");
+}
+#endif
+
 Result<std::unique_ptr<Renderer>> make_renderer(const std::string& backend) {
-  if (backend == "auto" || backend == "cpu") return make_cpu_renderer();
-  if (backend == "cuda" || backend == "vulkan") {
+  if (backend == "cpu") return make_cpu_renderer();
+  if (backend == "cuda") return make_cuda_renderer();
+  if (backend == "auto") {
+    auto cuda = make_cuda_renderer();
+    const StatusCode code = cuda.status().code();
+    if (code != StatusCode::kNotBuilt && code != StatusCode::kUnsupported) return cuda;
+    return make_cpu_renderer();
+  }
+  if (backend == "vulkan") {
     return not_built("backend '{}' is not part of this build; use --backend cpu", backend);
   }
   return usage_error("backend '{}' is not known; use auto, cpu, cuda or vulkan", backend);
 }
 
 std::vector<std::string> renderer_backends() {
+#if STGS_HAS_CUDA
+  return {"cuda", "cpu"};
+#else
   return {"cpu"};
+#endif
 }
 
 }  // namespace stgs::player

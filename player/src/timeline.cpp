@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <limits>
 #include <map>
 #include <set>
 #include <utility>
@@ -36,20 +35,16 @@ std::uint64_t held_bytes(std::uint64_t n, int sh_degree) {
   return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));
 }
 
-// Widens by what float arithmetic can lose, so that the slice, not the timeline, decides on the
-// last bit. Empty supports become begin > end.
 void compute_supports(Held& held) {
   const Gaussians4D& set = held.set;
   held.begin.resize(set.size());
   held.end.resize(set.size());
   for (std::size_t i = 0; i < set.size(); ++i) {
-    const float opacity = math::opacity_of(set.opacity_logit[i]);
-    const float slack = 1e-5f * math::kAlphaThreshold;
-    const float half = math::support_half_width(opacity + slack, set.sigma[i], set.radius[i],
-                                                math::kAlphaThreshold);
-    const float margin = 1e-5f * (std::abs(set.time[i]) + std::abs(half)) + 1e-5f;
-    held.begin[i] = half < 0 ? std::numeric_limits<float>::max() : set.time[i] - half - margin;
-    held.end[i] = half < 0 ? std::numeric_limits<float>::lowest() : set.time[i] + half + margin;
+    const math::Support support =
+        math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i], set.sigma[i],
+                                set.radius[i], math::kAlphaThreshold);
+    held.begin[i] = support.begin;
+    held.end[i] = support.end;
   }
 }
 
@@ -88,43 +83,63 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t memory_bytes() const override { return bytes_; }
   std::uint64_t stored_primitives() const override { return primitives_; }
 
-  Result<Active> at(double seconds) override {
+  const SceneReader& reader() const override { return *reader_; }
+  std::uint64_t memory_budget() const override { return budget_; }
+  const std::shared_ptr<const void>& identity() const override { return identity_; }
+
+  Result<std::vector<Needed>> needed_at(double seconds) override {
     if (!std::isfinite(seconds)) {
       return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
     }
+    const double ticks = metadata().time_base.ticks(seconds);
+    auto all = reader_->segments_between(ticks, ticks);
+    std::sort(all.begin(), all.end());
+    std::vector<Needed> needed;
+    for (std::uint32_t s : all) {
+      if (lost_.count(s) != 0) continue;
+      const ScenePart& part = reader_->parts()[reader_->segments()[s].part];
+      needed.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
+    }
+    if (needed.empty() && !all.empty()) {
+      const Status& reason = losses_[lost_.at(all.front())].reason;
+      return Status(reason.code(),
+                    fmt::format("nothing of what is alive at {:.6g} s can be read: {}", seconds,
+                                reason.message()));
+    }
+    return needed;
+  }
+
+  Result<Active> at(double seconds) override {
+    STGS_ASSIGN(std::vector<Needed> needed, needed_at(seconds));
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
-    auto needed = reader_->segments_between(active.ticks, active.ticks);
-    std::sort(needed.begin(), needed.end());
     ++call_;
     try {
-      STGS_TRY(hold(without_lost(needed), seconds));
-      const std::vector<std::uint32_t> all = std::exchange(needed, without_lost(needed));
-      if (needed.empty() && !all.empty()) {
-        const Status& reason = losses_[lost_.at(all.front())].reason;
-        return Status(reason.code(),
-                      fmt::format("nothing of what is alive at {:.6g} s can be read: "
-                                  "{}",
-                                  seconds, reason.message()));
-      }
+      STGS_TRY(hold(needed, seconds));
+      STGS_ASSIGN(needed, needed_at(seconds));
       std::vector<Held*> held;
-      for (std::uint32_t segment : needed) held.push_back(&held_.at(segment));
-      const auto moment_in = [&](std::size_t i) {
-        const SegmentInfo& segment = reader_->segments()[needed[i]];
-        return active.ticks - reader_->parts()[segment.part].begin_ticks;
-      };
+      for (const Needed& one : needed) held.push_back(&held_.at(one.segment));
       parallel_for(std::size_t{0}, held.size(), [&](std::size_t i) {
-        find_candidates(*held[i], static_cast<float>(moment_in(i)));
+        find_candidates(*held[i], static_cast<float>(needed[i].ticks));
       });
       for (std::size_t i = 0; i < held.size(); ++i) {
         if (held[i]->candidates.empty()) continue;
-        active.parts.push_back(
-            {needed[i], &held[i]->set, &held[i]->candidates, moment_in(i), id_base_[needed[i]]});
+        active.parts.push_back({needed[i].segment, &held[i]->set, &held[i]->candidates,
+                                needed[i].ticks, needed[i].id_base});
       }
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot hold what is alive at {} s: {}", name_, seconds, e.what());
     }
     return active;
+  }
+
+  Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) override {
+    Status harmonics;
+    Result<Gaussians4D> set = decode_sound(segment, harmonics);
+    STGS_TRY(accept(segment, set.status(), harmonics));
+    std::optional<Gaussians4D> out;
+    if (set.ok()) out = std::move(set).value();
+    return out;
   }
 
  private:
@@ -133,18 +148,13 @@ class SegmentTimeline final : public Timeline {
     return held_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
   }
 
-  std::vector<std::uint32_t> without_lost(std::vector<std::uint32_t> segments) const {
-    const auto is_lost = [this](std::uint32_t s) { return lost_.count(s) != 0; };
-    segments.erase(std::remove_if(segments.begin(), segments.end(), is_lost), segments.end());
-    return segments;
-  }
-
   // Makes the segments (ascending) present, and drops others where the budget asks for it; some of
   // them may be lost instead.
-  Status hold(const std::vector<std::uint32_t>& needed, double seconds) {
+  Status hold(const std::vector<Needed>& needed, double seconds) {
     std::vector<std::uint32_t> missing;
     std::uint64_t together = 0, more = 0;
-    for (std::uint32_t segment : needed) {
+    for (const Needed& one : needed) {
+      const std::uint32_t segment = one.segment;
       together += bytes_of(segment);
       if (const auto found = held_.find(segment); found != held_.end()) {
         found->second.used = call_;
@@ -175,12 +185,17 @@ class SegmentTimeline final : public Timeline {
     }
   }
 
+  // As the caller wants damage to be dealt with.
+  Result<Gaussians4D> decode_sound(std::uint32_t segment, Status& harmonics) const {
+    return damaged_ == Damaged::kRefuse ? reader_->decode(segment)
+                                        : reader_->decode_sound(segment, harmonics);
+  }
+
   Status decode(const std::vector<std::uint32_t>& missing) {
     std::vector<Held> fresh(missing.size());
     std::vector<Status> results(missing.size()), harmonics(missing.size());
     parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
-      auto set = damaged_ == Damaged::kRefuse ? reader_->decode(missing[i])
-                                              : reader_->decode_sound(missing[i], harmonics[i]);
+      auto set = decode_sound(missing[i], harmonics[i]);
       if (!set.ok()) {
         results[i] = set.status();
         return;
@@ -202,6 +217,13 @@ class SegmentTimeline final : public Timeline {
     return {};
   }
 
+  // The error, or where it can be passed over a note of it.
+  Status accept(std::uint32_t segment, const Status& base, const Status& harmonics) {
+    if (!can_pass_over(base)) return base;
+    note_loss(segment, base, harmonics);
+    return {};
+  }
+
   // What the file is to blame for; another try would find the same.
   bool can_pass_over(const Status& status) const {
     return status.ok() ||
@@ -217,6 +239,7 @@ class SegmentTimeline final : public Timeline {
   }
 
   std::string name_;
+  std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
   Damaged damaged_ = Damaged::kRefuse;

@@ -153,7 +153,7 @@ TEST_CASE("a timeline keeps within its memory budget and still shows the same") 
 TEST_CASE("the CPU renderer draws what the rasteriser draws of the whole set") {
   const Scene scene = testing::random_scene(2000, 2, kFrames, 5);
   auto timeline = timeline_over(scene);
-  auto renderer = make_renderer("auto");
+  auto renderer = make_renderer("cpu");
   REQUIRE(renderer.ok());
   const View view{camera_of(160, 90), {0.2f, 0.4f, 0.6f}};
   RasterSettings settings;
@@ -247,7 +247,11 @@ TEST_CASE("the renderer refuses what it cannot draw") {
   REQUIRE(code({{camera_of(0, 32)}}, 0) == StatusCode::kUsage);
   REQUIRE(code({view}, std::nan("")) == StatusCode::kUsage);
   REQUIRE(code({view}, 0) == StatusCode::kOk);
-  REQUIRE(make_renderer("cuda").status().code() == StatusCode::kNotBuilt);
+  // The first of those built is "auto"'s, where it can be.
+  const std::vector<std::string> built = renderer_backends();
+  const bool has_cuda = std::find(built.begin(), built.end(), "cuda") != built.end();
+  REQUIRE((make_renderer("cuda").status().code() == StatusCode::kNotBuilt) == !has_cuda);
+  REQUIRE(make_renderer("auto").ok());
   REQUIRE(make_renderer("vulkan").status().code() == StatusCode::kNotBuilt);
   REQUIRE(make_renderer("abacus").status().code() == StatusCode::kUsage);
 }

@@ -155,6 +155,10 @@ class Reading(CliTest):
                               "--seed", "3")
         self.assertTrue(moving["animated"])
         self.assertLess(moving["alive"], moving["primitives"])
+        full = self.json_of("bench", scene, "--pictures", "2", "--size", "32x24",
+                            "--full-harmonics", "--backend", "cpu")
+        self.assertTrue(full["full_harmonics"])
+        self.assertEqual(full["again"]["device_ms"]["p99"], 0)
         text = self.succeeds("bench", scene, "--pictures", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")

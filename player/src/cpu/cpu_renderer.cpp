@@ -6,10 +6,10 @@
 #include <new>
 #include <utility>
 
+#include "views.h"
+
 namespace stgs::player {
 namespace {
-
-constexpr float kMaxSide = 32768;  // pixels
 
 using Clock = std::chrono::steady_clock;
 
@@ -21,27 +21,13 @@ double lap(Clock::time_point& start) {
   return ms;
 }
 
-Status check(const std::vector<View>& views) {
-  if (views.empty() || views.size() > kMaxViews) {
-    return usage_error("a call draws 1 to {} views, not {}", kMaxViews, views.size());
-  }
-  for (const View& view : views) {
-    const auto side = [](float v) { return v >= 1 && v <= kMaxSide; };
-    if (!side(view.camera.width) || !side(view.camera.height)) {
-      return usage_error("a view of {}x{} pixels cannot be drawn; each side is 1 to {}",
-                         view.camera.width, view.camera.height, kMaxSide);
-    }
-  }
-  return {};
-}
-
 class CpuRenderer final : public Renderer {
  public:
   std::string name() const override { return "cpu"; }
 
-  Status render(Timeline& timeline, double seconds, const std::vector<View>& views,
-                std::vector<Frame>& frames, RenderStats* stats) override {
-    STGS_TRY(check(views));
+  Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
+              RenderStats* stats) override {
+    STGS_TRY(check_views(views));
     RenderStats sums;
     auto clock = Clock::now();
     STGS_ASSIGN(const Timeline::Active active, timeline.at(seconds));
@@ -49,14 +35,21 @@ class CpuRenderer final : public Renderer {
     sums.stored = timeline.stored_primitives();
     for (const auto& part : active.parts) sums.alive += part.candidates->size();
     try {
-      frames.resize(views.size());
-      for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames[i], sums);
+      frames_.resize(views.size());
+      for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames_[i], sums);
     } catch (const std::bad_alloc&) {
       return runtime_error("{}: cannot draw {} s: not enough memory", timeline.name(), seconds);
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }
     if (stats != nullptr) *stats = sums;
+    return {};
+  }
+
+  // The caller's buffers become those of the next call: nothing is copied.
+  Status read(std::vector<Frame>& frames) override {
+    frames.resize(frames_.size());
+    frames.swap(frames_);
     return {};
   }
 
@@ -72,7 +65,7 @@ class CpuRenderer final : public Renderer {
     stats.slice_ms += lap(clock);
     bin(splats_);
     stats.bin_ms += lap(clock);
-    // The caller's buffers become the target and go back filled: nothing is copied.
+    // The frame's buffers become the target and go back filled.
     std::swap(output_.colour, frame.colour);
     std::swap(output_.alpha, frame.alpha);
     std::swap(output_.depth, frame.depth);
@@ -84,6 +77,7 @@ class CpuRenderer final : public Renderer {
     stats.drawn += splats_.splats.size();
   }
 
+  std::vector<Frame> frames_;
   SplatFrame splats_;
   RasterOutput output_;
 };

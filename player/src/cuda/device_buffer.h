@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Device and pinned memory with an owner. One thread; the current device.
+// What CUDA gives, with an owner: memory, a stream, events, a graph. One thread; the current
+// device.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -34,7 +35,7 @@ class GrowingBuffer {
     if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
       (void)cudaGetLastError();  // told here, and remembered no longer
       data_ = nullptr;
-      return runtime_error("no {} MiB of GPU memory left for decoding", (wanted >> 20) + 1);
+      return runtime_error("no {} MiB of GPU memory left", (wanted >> 20) + 1);
     }
     bytes_ = wanted;
     return {};
@@ -45,6 +46,36 @@ class GrowingBuffer {
   void* data_ = nullptr;
   std::size_t bytes_ = 0;
 };
+
+// A handle of CUDA's; `get` is null until it is created.
+template <typename Handle, cudaError_t (*kDestroy)(Handle)>
+class Owned {
+ public:
+  Owned() = default;
+  Owned(const Owned&) = delete;
+  Owned& operator=(const Owned&) = delete;
+  ~Owned() { reset(); }
+
+  void reset() {
+    if (handle_ != nullptr) kDestroy(handle_);
+    handle_ = nullptr;
+  }
+  // Where a function of CUDA's puts a new one.
+  Handle* fresh() {
+    reset();
+    return &handle_;
+  }
+  Handle get() const { return handle_; }
+
+ private:
+  Handle handle_ = nullptr;
+};
+
+using Stream = Owned<cudaStream_t, cudaStreamDestroy>;
+using Event = Owned<cudaEvent_t, cudaEventDestroy>;
+using Graph = Owned<cudaGraph_t, cudaGraphDestroy>;
+using GraphExec = Owned<cudaGraphExec_t, cudaGraphExecDestroy>;
+using MemoryPool = Owned<cudaMemPool_t, cudaMemPoolDestroy>;
 
 using DeviceBuffer = GrowingBuffer<cudaMalloc, cudaFree>;
 using PinnedBuffer = GrowingBuffer<cudaMallocHost, cudaFreeHost>;

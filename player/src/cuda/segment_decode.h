@@ -10,25 +10,13 @@
 #include <vector>
 
 #include "cuda/device_buffer.h"
+#include "cuda/device_gaussians.h"
 #include "cuda/map_streams.h"
 #include "cuda/rans_decode.h"
 #include "stgs/format/coded_segment.h"
 #include "stgs/format/status.h"
 
 namespace stgs::player::cuda {
-
-// The arrays of Gaussians4D on the device, with room for a segment's primitives.
-struct DeviceGaussians {
-  float* position = nullptr;       // N x 3
-  float* log_scale = nullptr;      // N x 3
-  float* rotation = nullptr;       // N x 4
-  float* opacity_logit = nullptr;  // N
-  float* sh = nullptr;             // N x (sh_degree+1)^2 x 3
-  float* time = nullptr;           // N
-  float* velocity = nullptr;       // N x 3
-  float* sigma = nullptr;          // N
-  float* radius = nullptr;         // N
-};
 
 // One thread at a time, with the device current that it was made for.
 class SegmentDecoder {

@@ -32,6 +32,7 @@ class SegmentStore {
 
   const SceneReader& reader() const { return *reader_; }
   int tiers() const { return tiers_; }
+  std::uint64_t memory_budget() const { return settings_.memory_budget; }
 
   // Where the viewer is now. `jumped`: not where he was about to come.
   void move(const Motion& motion, bool jumped);

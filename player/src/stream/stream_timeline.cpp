@@ -33,27 +33,38 @@ class StreamTimeline final : public Timeline {
   std::uint64_t memory_bytes() const override { return store_.statistics().memory_bytes; }
   std::uint64_t stored_primitives() const override { return store_.statistics().stored_primitives; }
 
-  Result<Active> at(double seconds) override {
-    if (!std::isfinite(seconds)) {
-      return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
+  const SceneReader& reader() const override { return store_.reader(); }
+  std::uint64_t memory_budget() const override { return store_.memory_budget(); }
+  const std::shared_ptr<const void>& identity() const override { return identity_; }
+
+  Result<std::vector<Needed>> needed_at(double seconds) override {
+    STGS_ASSIGN(const std::vector<Drawn> drawn, held_at(seconds));
+    std::vector<Needed> needed;
+    for (const Drawn& one : drawn) {
+      needed.push_back({one.segment, one.ticks, id_base_[one.segment],
+                        std::shared_ptr<const Gaussians4D>(one.held, &one.held->set)});
     }
+    return needed;
+  }
+
+  Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) override {
+    std::optional<Gaussians4D> out;
+    if (const auto held = store_.held(segment)) out = held->set;
+    return out;
+  }
+
+  Result<Active> at(double seconds) override {
+    drawn_.clear();
+    STGS_ASSIGN(drawn_, held_at(seconds));
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
-    std::vector<std::uint32_t> alive = store_.reader().segments_between(active.ticks, active.ticks);
-    std::sort(alive.begin(), alive.end());
-    drawn_.clear();
-    losses_ = store_.losses();
-    for (const std::uint32_t segment : alive) {
-      if (auto held = store_.held(segment)) drawn_.push_back({segment, std::move(held), {}});
-    }
     parallel_for(std::size_t{0}, drawn_.size(), [&](std::size_t i) {
-      drawn_[i].held->find_candidates(static_cast<float>(ticks_in_part(drawn_[i], active.ticks)),
-                                      drawn_[i].candidates);
+      drawn_[i].held->find_candidates(static_cast<float>(drawn_[i].ticks), drawn_[i].candidates);
     });
     for (const Drawn& drawn : drawn_) {
       if (drawn.candidates.empty()) continue;
-      active.parts.push_back({drawn.segment, &drawn.held->set, &drawn.candidates,
-                              ticks_in_part(drawn, active.ticks), id_base_[drawn.segment]});
+      active.parts.push_back({drawn.segment, &drawn.held->set, &drawn.candidates, drawn.ticks,
+                              id_base_[drawn.segment]});
     }
     return active;
   }
@@ -63,16 +74,33 @@ class StreamTimeline final : public Timeline {
   struct Drawn {
     std::uint32_t segment = 0;
     std::shared_ptr<const HeldSegment> held;
+    double ticks = 0;  // the moment in its part
     std::vector<std::uint32_t> candidates;
   };
 
-  double ticks_in_part(const Drawn& drawn, double ticks) const {
-    const SegmentInfo& segment = store_.reader().segments()[drawn.segment];
-    return ticks - store_.reader().parts()[segment.part].begin_ticks;
+  // What is there of the moment; losses_ as of now.
+  Result<std::vector<Drawn>> held_at(double seconds) {
+    if (!std::isfinite(seconds)) {
+      return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
+    }
+    const double ticks = metadata().time_base.ticks(seconds);
+    std::vector<std::uint32_t> alive = store_.reader().segments_between(ticks, ticks);
+    std::sort(alive.begin(), alive.end());
+    losses_ = store_.losses();
+    std::vector<Drawn> drawn;
+    for (const std::uint32_t segment : alive) {
+      const SegmentInfo& info = store_.reader().segments()[segment];
+      const double begin = store_.reader().parts()[info.part].begin_ticks;
+      if (auto held = store_.held(segment)) {
+        drawn.push_back({segment, std::move(held), ticks - begin, {}});
+      }
+    }
+    return drawn;
   }
 
   SegmentStore& store_;
   std::string name_;
+  std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::vector<std::uint32_t> id_base_;
   std::vector<Drawn> drawn_;
   std::vector<Loss> losses_;

@@ -21,12 +21,14 @@ struct Frame {
 };
 
 // What a call did; counts and times are sums over its views, except where a line says otherwise.
+// A backend on a device tells the device's times of slice, bin and blend.
 struct RenderStats {
   std::size_t stored = 0;  // primitives decoded and held; once a call
   std::size_t alive = 0;   // candidates at this moment; once a call
   std::size_t drawn = 0;   // splats in view
   double fetch_ms = 0;     // finding and decoding what is alive; once a call
   double slice_ms = 0, bin_ms = 0, blend_ms = 0;
+  double device_ms = 0;  // of a device, from the first to the last of it; 0 where there is none
 };
 
 struct View {
@@ -38,14 +40,25 @@ struct View {
 class Renderer {
  public:
   virtual ~Renderer() = default;
-  // Draws 1 to kMaxViews views of the same moment (seconds). `frames` is resized to the views;
-  // `stats` may be null. Errors: the number of views or a camera's size (kUsage), and Timeline::at.
-  virtual Status render(Timeline& timeline, double seconds, const std::vector<View>& views,
-                        std::vector<Frame>& frames, RenderStats* stats) = 0;
+  // Draws 1 to kMaxViews views of the same moment (seconds); the pictures stay where the backend
+  // makes them, until the next call. `stats` may be null. Errors: the number of views or a
+  // camera's size (kUsage), and Timeline::at.
+  virtual Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
+                      RenderStats* stats) = 0;
+  // The pictures of the last draw(), which succeeded, for the host; `frames` is resized to its
+  // views. Once: they may be handed over.
+  virtual Status read(std::vector<Frame>& frames) = 0;
+  // Both.
+  Status render(Timeline& timeline, double seconds, const std::vector<View>& views,
+                std::vector<Frame>& frames, RenderStats* stats) {
+    if (Status status = draw(timeline, seconds, views, stats); !status.ok()) return status;
+    return read(frames);
+  }
   virtual std::string name() const = 0;
 };
 
-// "cpu", or "auto"; "cuda" and "vulkan" answer kNotBuilt in a build without them.
+// "cpu" or "cuda"; "auto" is cuda where there is a device for it, else cpu. "cuda" and "vulkan"
+// answer kNotBuilt in a build without them, "cuda" kUnsupported without a device.
 Result<std::unique_ptr<Renderer>> make_renderer(const std::string& backend);
 
 // Names that make_renderer takes in this build, the one that "auto" chooses first.

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -50,7 +51,7 @@ class Timeline {
   virtual const std::vector<Issue>& damage() const = 0;
   // Up to which moment nothing of the file is missing.
   virtual double complete_seconds() const = 0;
-  // What at() has passed over so far, each segment once.
+  // What at() and decode() have passed over so far, each segment once.
   virtual const std::vector<Loss>& losses() const = 0;
 
   // The decoded segments alive at a moment.
@@ -73,6 +74,26 @@ class Timeline {
   // of the moment's can or the source fails; a moment whose segments together exceed the memory
   // budget (kRuntime).
   virtual Result<Active> at(double seconds) = 0;
+
+  // A segment that may have something alive, for a backend that holds segments by itself.
+  struct Needed {
+    std::uint32_t segment;
+    double ticks;           // as Part's
+    std::uint32_t id_base;  // as Part's
+    // Null: not decoded, which is left to the caller. Another one than before: the segment has
+    // changed.
+    std::shared_ptr<const Gaussians4D> set;
+  };
+  // The segments of at(), ascending, and those that turn out to have no candidates, without
+  // decoding any; without those that are lost as far as it is known. Errors: as at()'s.
+  virtual Result<std::vector<Needed>> needed_at(double seconds) = 0;
+  virtual const SceneReader& reader() const = 0;
+  // A segment as at() decodes it, for such a backend where it cannot; it is not held. Nothing where
+  // it is passed over, which losses() tells, or has not come.
+  virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
+  virtual std::uint64_t memory_budget() const = 0;
+  // The same as long as the timeline lives, and no other's while somebody keeps it.
+  virtual const std::shared_ptr<const void>& identity() const = 0;
 
   // Bytes of the decoded segments held now; never more than the budget.
   virtual std::uint64_t memory_bytes() const = 0;

@@ -34,6 +34,26 @@ STGS_FN float support_half_width(float opacity, float sigma, float radius, float
   return radius + sigma * sqrt(larger(0.0f, log(opacity / threshold)));
 }
 
+// Moments, ticks, at which a primitive may be seen; none where begin > end.
+struct Support {
+  float begin, end;
+};
+
+// Beyond every moment: of a primitive that is never seen, the support begins here and ends at -it.
+const float kNever = 3e38f;
+
+// The support around the centre `time`, wider by what single precision can lose, so that a list of
+// candidates never decides on the last bit.
+STGS_FN Support candidate_support(float opacity, float time, float sigma, float radius,
+                                  float threshold) {
+  float half_width = support_half_width(opacity + 1e-5f * threshold, sigma, radius, threshold);
+  float margin = 1e-5f * (abs(time) + abs(half_width)) + 1e-5f;
+  Support s;
+  s.begin = half_width < 0.0f ? kNever : time - half_width - margin;
+  s.end = half_width < 0.0f ? -kNever : time + half_width + margin;
+  return s;
+}
+
 STGS_MATH_END
 
 #endif

@@ -149,6 +149,22 @@ STGS_FN Vec2 splat_extent(Sym2 covariance, float opacity, float threshold) {
   return vec2_of(sqrt(q * covariance.xx), sqrt(q * covariance.yy));
 }
 
+// The conic is the covariance's inverse up to a rounding error that grows with this, at least 1.
+STGS_FN float elongation_of(Projection p) {
+  return p.covariance.xx * p.conic.xx;
+}
+
+// By which an extent is multiplied so that it holds whatever the rounded conic draws.
+STGS_FN float extent_slack(float elongation) {
+  return 1.0f + 1e-6f * (1.0f + elongation);
+}
+
+// Whether a box around `mean` is beside the image; also where something is not a number.
+STGS_FN bool outside_image(PinholeCamera camera, Vec2 mean, Vec2 extent) {
+  return !(mean.x + extent.x >= 0.0f && mean.y + extent.y >= 0.0f &&
+           mean.x - extent.x <= camera.width && mean.y - extent.y <= camera.height);
+}
+
 STGS_MATH_END
 
 #endif

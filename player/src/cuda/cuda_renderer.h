@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CUDA backend: segments are decoded and kept on the device; a frame is one graph of kernels
+// that the host starts and does not look into before its end.
+#pragma once
+
+#include <memory>
+
+#include "stgs/player/renderer.h"
+
+namespace stgs::player {
+
+struct CudaSettings {
+  bool graph = true;            // else the kernels are started one by one
+  std::uint64_t instances = 0;  // room for splats in tiles to begin with; 0: by the primitives
+};
+
+// On the current device of the calling thread, which must stay the same. kNotBuilt without CUDA,
+// kUnsupported where there is no such device or no code for it.
+Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings& settings = {});
+
+}  // namespace stgs::player

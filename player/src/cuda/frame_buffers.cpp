@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/frame_buffers.h"
+
+#include <algorithm>
+
+namespace stgs::player::cuda {
+namespace {
+
+constexpr std::size_t kAlign = 256;
+
+// Hands out pieces of memory; without memory, counts what they take.
+class Layout {
+ public:
+  explicit Layout(std::uint8_t* memory) : memory_(memory) {}
+
+  template <typename T>
+  void take(T*& array, std::size_t n) {
+    array = memory_ == nullptr ? nullptr : reinterpret_cast<T*>(memory_ + used_);
+    used_ += (n * sizeof(T) + kAlign - 1) / kAlign * kAlign;
+  }
+  std::size_t used() const { return used_; }
+
+ private:
+  std::uint8_t* memory_;
+  std::size_t used_ = 0;
+};
+
+std::size_t sort_tiles(std::uint64_t keys) {
+  return static_cast<std::size_t>((keys + kSortTile - 1) / kSortTile);
+}
+
+std::size_t lay_out_cleared(Layout layout, const FrameNeed& need, Workspace& w) {
+  layout.take(w.counters, 1);
+  layout.take(w.depth_digits, std::size_t{kDepthPasses} * kDigits);
+  layout.take(w.tile_digits, std::size_t{kMostPasses} * kDigits);
+  layout.take(w.project_told, need.chunks);
+  layout.take(w.list_told, need.chunks);
+  for (int p = 0; p < kDepthPasses; ++p) {
+    layout.take(w.sort_told[p], kDigits * sort_tiles(std::uint64_t{need.chunks} * kChunk));
+  }
+  for (int p = 0; p < tile_passes(need.tiles); ++p) {
+    layout.take(w.sort_told[kMostPasses + p], kDigits * sort_tiles(need.instances));
+  }
+  layout.take(w.tile_ranges, need.tiles);
+  return layout.used();
+}
+
+std::size_t lay_out_pairs(Layout layout, std::size_t n, std::uint32_t* (&keys)[2],
+                          std::uint32_t* (&values)[2]) {
+  for (int half = 0; half < 2; ++half) {
+    layout.take(keys[half], n);
+    layout.take(values[half], n);
+  }
+  return layout.used();
+}
+
+}  // namespace
+
+Status FrameBuffers::ensure(const FrameNeed& need) {
+  FrameNeed wanted = capacity_;
+  // By a quarter more than is asked for, since moments differ a little.
+  const auto grow = [](auto& have, auto asked) {
+    if (asked <= have) return false;
+    have = asked + asked / 4;
+    return true;
+  };
+  bool grown = grow(wanted.chunks, need.chunks);
+  grown |= grow(wanted.tiles, need.tiles);
+  grown |= grow(wanted.instances, need.instances);
+  if (!grown && generation_ > 0) return {};
+  wanted.instances = std::min(wanted.instances, kMaxInstances);
+  capacity_ = {};
+  ++generation_;
+  Workspace w;
+  const std::size_t splats = std::size_t{wanted.chunks} * kChunk;
+  STGS_TRY(cleared_.ensure(lay_out_cleared(Layout(nullptr), wanted, w)));
+  STGS_TRY(splats_.ensure(splats * sizeof(ScreenSplat)));
+  STGS_TRY(depths_.ensure(lay_out_pairs(Layout(nullptr), splats, w.depth_keys, w.depth_order)));
+  STGS_TRY(instances_.ensure(
+      lay_out_pairs(Layout(nullptr), wanted.instances, w.tile_keys, w.tile_splats)));
+  cleared_bytes_ = lay_out_cleared(Layout(cleared_.data()), wanted, w);
+  lay_out_pairs(Layout(depths_.data()), splats, w.depth_keys, w.depth_order);
+  lay_out_pairs(Layout(instances_.data()), wanted.instances, w.tile_keys, w.tile_splats);
+  w.splats = reinterpret_cast<ScreenSplat*>(splats_.data());
+  w.instance_capacity = static_cast<std::uint32_t>(wanted.instances);
+  laid_out_ = w;
+  capacity_ = wanted;
+  return {};
+}
+
+Workspace FrameBuffers::workspace(std::uint32_t tiles) const {
+  Workspace w = laid_out_;
+  w.tile_passes = tile_passes(tiles);
+  return w;
+}
+
+cudaError_t FrameBuffers::clear(cudaStream_t stream) const {
+  return cudaMemsetAsync(cleared_.data(), 0, cleared_bytes_, stream);
+}
+
+}  // namespace stgs::player::cuda

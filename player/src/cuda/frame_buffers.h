@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The working memory of a view, one after the other.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/device_buffer.h"
+#include "cuda/draw.h"
+
+namespace stgs::player::cuda {
+
+// What a view can need at most.
+struct FrameNeed {
+  std::uint32_t chunks = 0;  // of primitives; each may have kChunk splats
+  std::uint32_t tiles = 0;
+  std::uint64_t instances = 0;
+};
+
+class FrameBuffers {
+ public:
+  // Makes room; what the buffers held is lost where they grow, and addresses change. kRuntime
+  // where the device has no memory left.
+  Status ensure(const FrameNeed& need);
+  // Counts up when addresses have changed.
+  std::uint64_t generation() const { return generation_; }
+  std::uint64_t instance_capacity() const { return capacity_.instances; }
+  // The buffers as a view of so many tiles uses them.
+  Workspace workspace(std::uint32_t tiles) const;
+  // Starts clearing what must be clear before a view.
+  cudaError_t clear(cudaStream_t stream) const;
+
+ private:
+  FrameNeed capacity_;
+  std::uint64_t generation_ = 0;
+  std::size_t cleared_bytes_ = 0;
+  Workspace laid_out_;
+  DeviceBuffer cleared_, splats_, depths_, instances_;
+};
+
+}  // namespace stgs::player::cuda

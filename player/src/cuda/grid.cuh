@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sizes of grids whose blocks take work by tickets.
+#pragma once
+
+#include <cuda_runtime.h>
+
+namespace stgs::player::cuda {
+
+// Blocks of the kernel that the current GPU runs at once; an error where it cannot be loaded.
+template <typename Kernel>
+cudaError_t resident_blocks(Kernel kernel, int threads, unsigned& blocks) {
+  int device = 0, processors = 0, each = 0;
+  cudaError_t error = cudaGetDevice(&device);
+  if (error == cudaSuccess) {
+    error = cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device);
+  }
+  if (error == cudaSuccess) {
+    error = cudaOccupancyMaxActiveBlocksPerMultiprocessor(&each, kernel, threads, 0);
+  }
+  blocks = static_cast<unsigned>(processors * each);
+  return error;
+}
+
+// Each next to the kernel that it is of.
+cudaError_t project_grid(int sh_degree, unsigned& blocks);
+cudaError_t list_grid(unsigned& blocks);
+cudaError_t sort_grids(unsigned& depth, unsigned& tile, unsigned& ranges);
+
+}  // namespace stgs::player::cuda

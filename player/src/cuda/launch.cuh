@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Starting kernels.
+#pragma once
+
+#include <cuda_runtime.h>
+
+namespace stgs::player::cuda {
+
+// An error is cudaGetLastError's.
+template <typename... Parameters, typename... Arguments>
+void launch(void (*kernel)(Parameters...), unsigned blocks, unsigned threads, cudaStream_t stream,
+            Arguments... arguments) {
+  kernel<<<blocks, threads, 0, stream>>>(arguments...);
+}
+
+}  // namespace stgs::player::cuda

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/render_layout.h"
+
+#include <cuda_fp16.h>
+
+#include "cuda/launch.cuh"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/project.h"
+
+namespace stgs::player::cuda {
+namespace {
+
+using namespace math;
+
+__device__ unsigned half_bits(float x) {
+  constexpr float kMost = 65504.0f;
+  // What is not finite stays so: such a primitive is not drawn.
+  const float kept = isfinite(x) ? clamped(x, -kMost, kMost) : x;
+  return __half_as_ushort(__float2half_rn(kept));
+}
+
+__global__ void __launch_bounds__(kChunk)
+    pack(const DeviceGaussians from, std::uint32_t n, int floats, int planes, PackedSegment to) {
+  const std::uint32_t i = blockIdx.x * kChunk + threadIdx.x, stride = gridDim.x * kChunk;
+  if (i >= n) {
+    to.support[i] = make_float2(kNever, -kNever);
+    return;
+  }
+  const float opacity = opacity_of(from.opacity_logit[i]), time = from.time[i];
+  const float sigma = from.sigma[i], radius = from.radius[i];
+  const Support support = candidate_support(opacity, time, sigma, radius, kAlphaThreshold);
+  to.support[i] = make_float2(support.begin, support.end);
+  const float *x = from.position + 3 * i, *u = from.velocity + 3 * i, *s = from.log_scale + 3 * i;
+  const float* q = from.rotation + std::size_t{4} * i;
+  to.place[i] = make_float4(x[0], x[1], x[2], time);
+  to.motion[i] = make_float4(u[0], u[1], u[2], opacity);
+  to.lifespan[i] = make_float2(sigma, radius);
+  const Sym3 v =
+      covariance_of({q[0], q[1], q[2], q[3]}, {std::exp(s[0]), std::exp(s[1]), std::exp(s[2])});
+  to.covariance[i] = make_float4(v.xx, v.xy, v.xz, v.yy);
+  to.covariance_rest[i] = make_float2(v.yz, v.zz);
+  const float* sh = from.sh + std::size_t{1} * floats * i;
+  for (int p = 0; p < planes; ++p) {
+    unsigned bits[4];
+    for (int k = 0; k < 4; ++k) bits[k] = 4 * p + k < floats ? half_bits(sh[4 * p + k]) : 0;
+    to.sh[std::size_t{1} * stride * p + i] =
+        make_uint2(bits[0] | bits[1] << 16, bits[2] | bits[3] << 16);
+  }
+}
+
+}  // namespace
+
+PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) {
+  const std::size_t n = padded(primitives);
+  const auto take = [&](auto*& array) {
+    array = reinterpret_cast<std::remove_reference_t<decltype(array)>>(memory);
+    memory += n * sizeof(*array);
+  };
+  PackedSegment out;
+  take(out.support);
+  take(out.place);
+  take(out.motion);
+  take(out.lifespan);
+  take(out.covariance);
+  take(out.covariance_rest);
+  take(out.sh);
+  return out;
+}
+
+void pack_segment(const DeviceGaussians& from, std::uint32_t primitives, int sh_degree,
+                  const PackedSegment& to, cudaStream_t stream) {
+  if (primitives == 0) return;
+  const int floats = 3 * (sh_degree + 1) * (sh_degree + 1);
+  launch(pack, padded(primitives) / kChunk, kChunk, stream, from, primitives, floats,
+         sh_planes(sh_degree), to);
+}
+
+}  // namespace stgs::player::cuda

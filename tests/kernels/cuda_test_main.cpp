@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// The entry of tests that need a CUDA device. Exit code 77: there is none.
+#define CATCH_CONFIG_RUNNER
+#include <cuda_runtime_api.h>
+
+#include <catch2/catch.hpp>
+#include <cstdio>
+
+int main(int argc, char** argv) {
+  int count = 0;
+  if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess || count == 0) {
+    std::printf("skipped: no CUDA device (%s)\n", cudaGetErrorString(error));
+    return 77;
+  }
+  return Catch::Session().run(argc, argv);
+}
