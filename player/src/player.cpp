@@ -82,6 +82,7 @@ class StreamPlayer final : public Player {
   void pause() override {
     playing_ = false;
     state_ = PlayerState::kPaused;
+    move(false);
   }
   Status seek(double seconds) override {
     if (!std::isfinite(seconds)) {
@@ -184,15 +185,17 @@ class StreamPlayer final : public Player {
     const PlaybackClock::Step next = clock_.after(passed);
     if (!store_.ready(next.ticks)) {
       state_ = PlayerState::kBuffering;
+      move(false);
       return tell(PlayerEvent::Kind::kBuffering);
     }
     clock_.take(next);
+    if (next.ended) {
+      playing_ = false;
+      state_ = PlayerState::kEnded;
+    }
     move(false);
     if (next.looped) tell(PlayerEvent::Kind::kLooped);
-    if (!next.ended) return;
-    playing_ = false;
-    state_ = PlayerState::kEnded;
-    tell(PlayerEvent::Kind::kEnded);
+    if (next.ended) tell(PlayerEvent::Kind::kEnded);
   }
 
   const PlayerSettings settings_;

@@ -185,6 +185,7 @@ TEST_CASE("how long until a segment is needed depends on where and which way the
   CHECK(need(10, 60, {20, 10, 100, false}) == std::pair(0.0, 4.0));
   CHECK(need(10, 15, {20, 10, 100, false}) == std::pair(kNever, kNever));
   CHECK(need(10, 15, {20, 10, 100, true}) == std::pair(9.0, 9.5));
+  CHECK(need(10, 60, {20, 10, 100, false, true}) == std::pair(0.0, kNever));
   CHECK(need(10, 15, {20, -10, 100, false}) == std::pair(0.5, 1.0));
   CHECK(need(40, 60, {20, -10, 100, false}) == std::pair(kNever, kNever));
   CHECK(need(40, 60, {20, -20, 100, true}) == std::pair(3.0, 4.0));

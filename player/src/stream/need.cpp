@@ -13,8 +13,8 @@ Need need_of(double begin, double end, const Motion& motion) {
   const bool back = motion.ticks_per_second < 0;
   const double first = back ? motion.ticks - end : begin - motion.ticks;
   const double last = back ? motion.ticks - begin : end - motion.ticks;
-  if (first <= 0 && last >= 0) return {0, last / speed};
-  if (first > 0) return {first / speed, last / speed};
+  if (first <= 0 && last >= 0) return {0, motion.still ? kNever : last / speed};
+  if (first > 0) return {first / speed, motion.still ? kNever : last / speed};
   if (!motion.loop) return {kNever, kNever};
   return {(first + motion.duration) / speed, (last + motion.duration) / speed};
 }

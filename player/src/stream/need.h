@@ -15,12 +15,13 @@ struct Motion {
   double ticks_per_second = 1;  // below 0: backwards; not 0 (who pauses is about to go on)
   double duration = 0;          // ticks
   bool loop = false;            // after the end the beginning follows, and the other way round
+  bool still = false;           // he stays where he is, for how long nobody knows
 };
 
 // Seconds from now; `from` = infinity: never again.
 struct Need {
   double from = 0;   // until a moment first lies in the segment
-  double until = 0;  // until the last one does, before it comes round again
+  double until = 0;  // until the last one does, before it comes round again; infinity: nobody knows
 };
 
 // When moments of [begin, end] of the timeline are shown.

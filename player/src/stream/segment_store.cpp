@@ -12,6 +12,9 @@ namespace stgs::player {
 namespace {
 
 constexpr std::size_t kStretch = 1 << 20;  // bytes asked for at once: what a jump has to wait for
+// Of a run that is not longer for its first piece, bytes; and between its pieces.
+constexpr std::uint64_t kRun = 512 << 10, kGap = 4 << 10;
+constexpr double kBrief = 0.1;  // seconds that a run of pieces of any urgency may take
 constexpr double kForEver = std::numeric_limits<double>::infinity();
 
 double clock_seconds() {
@@ -31,6 +34,17 @@ SegmentStore::SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& sou
     if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
     if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
     if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
+  }
+  for (std::uint32_t s = 0; s < segments.size(); ++s) {
+    for (const bool harmonics : {false, true}) {
+      if (piece_bytes({s, harmonics}) > 0) in_file_.push_back({s, harmonics});
+    }
+  }
+  std::sort(in_file_.begin(), in_file_.end(),
+            [this](const Piece& a, const Piece& b) { return piece_offset(a) < piece_offset(b); });
+  places_.resize(2 * segments.size());
+  for (std::size_t i = 0; i < in_file_.size(); ++i) {
+    places_[2 * std::size_t{in_file_[i].segment} + (in_file_[i].harmonics ? 1 : 0)] = i;
   }
   motion_.duration = reader_->metadata().frames;
   for (int k = 0; k < settings_.fetches; ++k) threads_.emplace_back([this] { fetch_pieces(); });
@@ -183,32 +197,64 @@ bool SegmentStore::in_time(const Piece& piece) const {
   return static_cast<double>(piece_bytes(piece)) / speed <= need.until;
 }
 
-// The most urgent piece that there is room for, marked as coming.
-std::optional<Piece> SegmentStore::next_piece(double now) {
+// The most urgent piece. While the viewer waits for one, nothing else takes bandwidth from it.
+std::optional<Piece> SegmentStore::next_piece(double now) const {
   std::optional<Piece> best;
-  double least = kForEver;
-  for (std::uint32_t s = 0; s < entries_.size(); ++s) {
-    for (const bool harmonics : {false, true}) {
-      const Piece piece{s, harmonics};
-      if (!wanted(piece, now)) continue;
-      if (const double urgency = urgency_of(piece); urgency < least) {
-        least = urgency;
-        best = piece;
-      }
+  double least = urgent_ > 0 ? std::numeric_limits<double>::min() : kForEver;
+  for (const Piece& piece : in_file_) {
+    if (!wanted(piece, now)) continue;
+    if (const double urgency = urgency_of(piece); urgency < least) {
+      least = urgency;
+      best = piece;
     }
   }
-  if (!best) return {};
-  if (!make_room(memory_of(*best), least)) {
-    if (least <= 0 && idle()) {
-      lose(*best, settings_.retry_seconds, PlayerEvent::Kind::kLost,
+  return best;
+}
+
+// Marks a piece as coming if there is room for it.
+bool SegmentStore::take(const Piece& piece, double urgency) {
+  if (!make_room(memory_of(piece), urgency)) return false;
+  memory_ += memory_of(piece);
+  state(piece).at = At::kComing;
+  return true;
+}
+
+std::optional<SegmentStore::Run> SegmentStore::next_run(double now) {
+  const std::optional<Piece> first = next_piece(now);
+  if (!first) return {};
+  const double urgency = urgency_of(*first);
+  if (!take(*first, urgency)) {
+    if (urgency <= 0 && idle()) {
+      lose(*first, settings_.retry_seconds, PlayerEvent::Kind::kLost,
            runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
                          source_.name(), settings_.memory_budget));
     }
     return {};
   }
-  memory_ += memory_of(*best);
-  state(*best).at = At::kComing;
-  return best;
+  Run run{piece_offset(*first), piece_bytes(*first), {*first}};
+  extend(run, urgency, now);
+  if (urgency <= 0) ++urgent_;
+  return run;
+}
+
+// Adds what follows in the file: what is about as urgent as the first piece, which it makes later,
+// and what comes sooner with it than by a request of its own.
+void SegmentStore::extend(Run& run, double urgency, double now) {
+  const Piece& first = run.pieces[0];
+  const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_patience_seconds;
+  const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
+  std::size_t at = places_[2 * std::size_t{first.segment} + (first.harmonics ? 1 : 0)];
+  while (++at < in_file_.size()) {
+    const Piece& piece = in_file_[at];
+    const std::uint64_t end = run.offset + run.bytes, begin = piece_offset(piece);
+    if (begin < end || begin - end > kGap) return;
+    const std::uint64_t bytes = begin - run.offset + piece_bytes(piece);
+    const double most = static_cast<double>(bytes) <= brief ? settings_.ahead_seconds : alike;
+    if (bytes > kRun || !wanted(piece, now) || urgency_of(piece) > most) return;
+    if (!take(piece, urgency_of(piece))) return;
+    run.bytes = bytes;
+    run.pieces.push_back(piece);
+  }
 }
 
 // Whether nothing is under way.
@@ -255,60 +301,76 @@ void SegmentStore::drop(std::uint32_t segment) {
 void SegmentStore::fetch_pieces() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
-    const std::optional<Piece> piece = next_piece(clock_seconds());
-    if (!piece) {
+    const std::optional<Run> run = next_run(clock_seconds());
+    if (!run) {
       // Not for ever: what was lost is tried again.
       to_fetch_.wait_for(lock, std::chrono::milliseconds(100));
       continue;
     }
+    const bool urgent = urgency_of(run->pieces[0]) <= 0;
     throughput_.begin(clock_seconds());
     lock.unlock();
     std::vector<std::uint8_t> bytes;
     Status status;
     try {
-      status = fetch(*piece, bytes);
+      status = fetch(*run, bytes);
+      if (status.ok() && bytes.size() == run->bytes) put(*run, bytes);
     } catch (const std::exception& e) {
-      status = runtime_error("{}: cannot hold {} bytes: {}", source_.name(), piece_bytes(*piece),
-                             e.what());
+      bytes.clear();
+      status = runtime_error("{}: cannot hold {} bytes: {}", source_.name(), run->bytes, e.what());
     }
     lock.lock();
     throughput_.end(clock_seconds());
-    if (status.ok() && bytes.size() == piece_bytes(*piece)) {
-      source_.put(piece_offset(*piece), std::move(bytes));
-      state(*piece).at = At::kHere;
-      to_decode_.notify_one();
+    if (urgent && --urgent_ == 0) to_fetch_.notify_all();
+    if (!status.ok() || bytes.size() != run->bytes) {
+      give_back(*run, status);
       continue;
     }
-    memory_ -= memory_of(*piece);
-    state(*piece).at = At::kAway;  // given up for something more urgent
-    if (!status.ok() && !stopping_) {
-      lose(*piece, settings_.retry_seconds, PlayerEvent::Kind::kLost, status);
-    }
+    for (const Piece& piece : run->pieces) state(piece).at = At::kHere;
+    to_decode_.notify_one();
   }
 }
 
-// The bytes of a piece; fewer where after a jump there is something more urgent.
-Status SegmentStore::fetch(const Piece& piece, std::vector<std::uint8_t>& bytes) {
-  const std::uint64_t size = piece_bytes(piece);
-  bytes.resize(static_cast<std::size_t>(size));
+// The bytes of a run; none where after a jump there is something more urgent.
+Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
+  bytes.resize(static_cast<std::size_t>(run.bytes));
   std::uint64_t jumps = 0;
-  for (std::uint64_t done = 0; done < size;) {
-    const auto part = static_cast<std::size_t>(std::min<std::uint64_t>(kStretch, size - done));
-    const Status status = source_.under().read(
-        piece_offset(piece) + done, std::span(bytes).subspan(static_cast<std::size_t>(done), part));
-    if (!status.ok()) return status;
+  for (std::uint64_t done = 0; done < run.bytes;) {
+    const auto part = static_cast<std::size_t>(std::min<std::uint64_t>(kStretch, run.bytes - done));
+    STGS_TRY(source_.under().read(run.offset + done,
+                                  std::span(bytes).subspan(static_cast<std::size_t>(done), part)));
     done += part;
     const std::lock_guard lock(mutex_);
     throughput_.arrived(part, clock_seconds());
     fetched_bytes_ += part;
     if (done == part) jumps = jumps_;
-    const bool given_up = jumps != jumps_ && urgency_of(piece) > settings_.layer_patience_seconds;
-    if (done < size && (stopping_ || given_up)) {
+    const bool given_up =
+        jumps != jumps_ && urgency_of(run.pieces[0]) > settings_.layer_patience_seconds;
+    if (done < run.bytes && (stopping_ || given_up)) {
       bytes.clear();
       return {};
     }
   }
   return {};
+}
+
+void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
+  for (const Piece& piece : run.pieces) {
+    const auto own = bytes.subspan(static_cast<std::size_t>(piece_offset(piece) - run.offset),
+                                   static_cast<std::size_t>(piece_bytes(piece)));
+    source_.put(piece_offset(piece), {own.begin(), own.end()});
+  }
+}
+
+// What did not come: because of an error, or given up for something more urgent.
+void SegmentStore::give_back(const Run& run, const Status& status) {
+  for (const Piece& piece : run.pieces) {
+    memory_ -= memory_of(piece);
+    state(piece).at = At::kAway;
+    if (!status.ok() && !stopping_) {
+      lose(piece, settings_.retry_seconds, PlayerEvent::Kind::kLost, status);
+    }
+  }
 }
 
 void SegmentStore::lose(const Piece& piece, double seconds, PlayerEvent::Kind kind,

@@ -75,13 +75,23 @@ class SegmentStore {
   bool settled(std::uint32_t segment) const;  // of a base: here and decoded, or lost
 
   void fetch_pieces();
-  std::optional<Piece> next_piece(double now);
+  // Pieces that are asked for at once: they follow each other in the file.
+  struct Run {
+    std::uint64_t offset = 0, bytes = 0;
+    std::vector<Piece> pieces;
+  };
+  std::optional<Piece> next_piece(double now) const;
+  std::optional<Run> next_run(double now);
+  bool take(const Piece& piece, double urgency);
+  void extend(Run& run, double urgency, double now);
   bool wanted(const Piece& piece, double now) const;
   bool in_time(const Piece& piece) const;
   bool idle() const;
   bool make_room(std::uint64_t bytes, double urgency);
   void drop(std::uint32_t segment);
-  Status fetch(const Piece& piece, std::vector<std::uint8_t>& bytes);
+  Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
+  void put(const Run& run, std::span<const std::uint8_t> bytes);
+  void give_back(const Run& run, const Status& status);
   void lose(const Piece& piece, double seconds, PlayerEvent::Kind kind, const Status& status);
 
   Status decode(std::uint32_t segment, bool with_harmonics,
@@ -93,6 +103,8 @@ class SegmentStore {
   PieceSource& source_;
   const PlayerSettings settings_;
   int tiers_ = 1;
+  std::vector<Piece> in_file_;       // all, by offset
+  std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
 
   mutable std::mutex mutex_;  // of all that follows
   std::condition_variable to_fetch_, to_decode_;
@@ -100,6 +112,7 @@ class SegmentStore {
   std::uint64_t jumps_ = 0;
   Motion motion_;
   std::vector<Entry> entries_;  // by segment
+  int urgent_ = 0;              // runs under way that are needed now
   std::uint64_t memory_ = 0;
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0;
