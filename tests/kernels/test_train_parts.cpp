@@ -456,6 +456,25 @@ TEST_CASE("a capture with its cameras in another order, or one less, is another"
   CHECK(fewer.find("training cameras: 3, now 2") != std::string::npos);
 }
 
+TEST_CASE("a capture whose pictures have been replaced is another") {
+  PreparedCapture capture;
+  capture.folder = std::filesystem::temp_directory_path() / "stgs_replaced_pictures";
+  capture.frames = 2;
+  capture.cameras.resize(1);
+  capture.cameras[0].name = std::string(1, 'a');
+  for (int frame = 0; frame < 2; ++frame) {
+    const std::filesystem::path path = capture.frame_path(capture.cameras[0], frame);
+    std::filesystem::create_directories(path.parent_path());
+    std::ofstream(path) << "picture " << frame;
+  }
+  const Fingerprint before = fingerprint_of(capture);
+  CHECK(check_same_run("k", before, fingerprint_of(capture)).ok());
+  std::ofstream(capture.frame_path(capture.cameras[0], 1)) << "another picture";
+  CHECK(check_same_run("k", before, fingerprint_of(capture)).message().find("camera a") !=
+        std::string::npos);
+  std::filesystem::remove_all(capture.folder);
+}
+
 TEST_CASE("what differs between two runs is named, with both values") {
   const Fingerprint found = {
       {"seed", "1"}, {"iterations", "30"}, {"frames", "6"}, {"backend", "cuda"}};

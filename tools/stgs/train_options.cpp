@@ -46,7 +46,8 @@ void TrainOptions::declare(CLI::App& app) {
       ->group(group);
   app.add_option("--ablate", ablate_,
                  "Leave out, with commas: representation (4DGS's coupled one instead), lifespan (r "
-                 "= 0), modulation (f = 1), initialisation (the points of the first frame alone, "
+                 "= 0), modulation (f = 1; with --set velocity_shrink=0 FreeTimeGS's motion), "
+                 "initialisation (the points of the first frame alone, "
                  "all of them static, v = 0), densification (as 3DGS and 4DGS instead)")
       ->check(CLI::IsMember(encoder::ablation_names()))
       ->delimiter(',')

@@ -17,8 +17,8 @@ struct Ablation {
   bool modulation = true;      // false: f = 1
   bool initialisation = true;  // false: one long-lived, motionless cloud, no dynamic points
   // False: as 3DGS and 4DGS do it: clones and splits where the mean gradient is large, clones in
-  // place with the opacity of their origin, opacity resets; then N and the primitives' order stay,
-  // nothing is replaced and L_opacity, which serves the replacement, is off.
+  // place with the opacity of their origin, opacity resets; then N and the primitives' order stay
+  // and nothing is replaced. The losses are the same.
   bool densification = true;
 
   // Names with commas between; "" takes nothing away. The error lists the names.

@@ -4,7 +4,9 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 namespace stgs::encoder {
 namespace {
@@ -17,6 +19,19 @@ const std::string* find(const Fingerprint& fingerprint, const std::string& name)
   const auto entry = std::find_if(fingerprint.begin(), fingerprint.end(),
                                   [&name](const auto& e) { return e.first == name; });
   return entry == fingerprint.end() ? nullptr : &entry->second;
+}
+
+// Of the sizes of a camera's frames, which other pictures hardly share. The pictures themselves are
+// too many to be read for it.
+std::uint64_t frame_sizes(const PreparedCapture& capture, const Camera& camera) {
+  std::vector<std::uint64_t> sizes;
+  for (int frame = 0; frame < capture.frames; ++frame) {
+    std::error_code error;
+    const std::uintmax_t size =
+        std::filesystem::file_size(capture.frame_path(camera, frame), error);
+    sizes.push_back(error ? 0 : size);  // one that is not there is found where it is loaded
+  }
+  return XXH3_64bits(sizes.data(), sizes.size() * sizeof(std::uint64_t));
 }
 
 }  // namespace
@@ -45,8 +60,8 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
     const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
     // With its number, for the state goes by it.
     out.emplace_back("camera " + camera.name,
-                     fmt::format("number {}, {}x{}, calibration {:016x}", ++cameras, camera.width,
-                                 camera.height, hash));
+                     fmt::format("number {}, {}x{}, calibration {:016x}, frames {:016x}", ++cameras,
+                                 camera.width, camera.height, hash, frame_sizes(capture, camera)));
   }
   out.emplace_back("training cameras", std::to_string(cameras));
   return out;

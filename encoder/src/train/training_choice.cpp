@@ -4,6 +4,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <initializer_list>
 
 #include "perceptual/vgg_layers.h"
 #include "stgs/encoder/windows.h"
@@ -11,6 +12,47 @@
 #include "train/checkpoint.h"
 
 namespace stgs::encoder {
+namespace {
+
+// Hyper-parameters that nothing asks for with a part of the method, or without it.
+struct Idle {
+  bool Ablation::*part;
+  bool idle_with;  // the part; else without
+  const char* ablation;
+  std::initializer_list<const char*> parameters;
+};
+
+const Idle kIdle[] = {
+    {&Ablation::densification,
+     true,
+     "densification",
+     {"plain_until", "plain_prune", "plain_reset"}},
+    {&Ablation::densification,
+     false,
+     "densification",
+     {"densify_until", "growth_limit", "opacity_resets", "prune_opacity", "replace_limit",
+      "score_error", "score_opacity", "score_lifespan"}},
+    {&Ablation::lifespan, false, "lifespan", {"lr_radius", "initial_radius"}},
+    {&Ablation::representation,
+     false,
+     "representation",
+     {"lr_velocity", "lr_velocity_final", "velocity_shrink", "still_from", "still_least"}}};
+
+// That each override is of something that is used.
+Status check_used(const TrainSettings& settings, const Ablation& ablation) {
+  for (const auto& [name, value] : settings.overrides) {
+    for (const Idle& idle : kIdle) {
+      const bool listed =
+          std::find(idle.parameters.begin(), idle.parameters.end(), name) != idle.parameters.end();
+      if (!listed || ablation.*idle.part != idle.idle_with) continue;
+      return usage_error("--set {}={} has no effect {} --ablate {}; leave it out", name, value,
+                         idle.idle_with ? "without" : "with", idle.ablation);
+    }
+  }
+  return {};
+}
+
+}  // namespace
 
 Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   TrainingChoice choice;
@@ -22,6 +64,7 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   }
   STGS_TRY(check_hyper_parameters(choice.parameters));
   STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
+  STGS_TRY(check_used(settings, choice.ablation));
   return choice;
 }
 
