@@ -380,6 +380,14 @@ TEST_CASE("play goes backwards and round") {
   }));
 }
 
+TEST_CASE("all layers of a moment come, however patient the layers are") {
+  PlayerSettings settings;
+  settings.layer_patience_seconds = 60;
+  settings.ahead_seconds = 0.5;
+  Playing p(settings);
+  REQUIRE(p.complete());
+}
+
 TEST_CASE("a player ends at once while its reads wait") {
   const auto begin = std::chrono::steady_clock::now();
   {

@@ -19,7 +19,7 @@ using namespace stgs::player;
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr double kLongest = 60;  // seconds
+constexpr double kLongest = 20;  // seconds
 
 double seconds() {
   return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -79,7 +79,13 @@ void wait(Player& player, double begin, Times& times) {
     }
     std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
-  check(runtime_error("not all of a moment has come in {} s", kLongest));
+  for (const PlayerEvent& event : player.take_events()) {
+    if (!event.message.empty()) std::fprintf(stderr, "%s\n", event.message.c_str());
+  }
+  const StreamStatistics statistics = player.statistics();
+  check(runtime_error("{} of {} layers of {} s have come in {} s, {} bytes fetched, {} held",
+                      player.layers(), player.layers_of_file(), player.seconds(), kLongest,
+                      statistics.fetched_bytes, statistics.memory_bytes));
 }
 
 double share(std::vector<double> values, double of) {

@@ -184,7 +184,9 @@ bool SegmentStore::wanted(const Piece& piece, double now) const {
   const PieceState& state = piece.harmonics ? entry.harmonics : entry.base;
   if (state.at != At::kAway && !(state.at == At::kLost && now >= state.retry)) return false;
   if (piece.harmonics && entry.base.at != At::kHere && entry.base.at != At::kComing) return false;
-  return urgency_of(piece) <= settings_.ahead_seconds && in_time(piece);
+  const SegmentInfo& segment = reader_->segments()[piece.segment];
+  const Need need = need_of(segment.begin_ticks, segment.end_ticks, motion_);
+  return need.from <= settings_.ahead_seconds && in_time(piece);
 }
 
 // Whether a piece can come before the last moment that it is for, as the link is; layer 0 always is
@@ -249,7 +251,7 @@ void SegmentStore::extend(Run& run, double urgency, double now) {
     const std::uint64_t end = run.offset + run.bytes, begin = piece_offset(piece);
     if (begin < end || begin - end > kGap) return;
     const std::uint64_t bytes = begin - run.offset + piece_bytes(piece);
-    const double most = static_cast<double>(bytes) <= brief ? settings_.ahead_seconds : alike;
+    const double most = static_cast<double>(bytes) <= brief ? kForEver : alike;
     if (bytes > kRun || !wanted(piece, now) || urgency_of(piece) > most) return;
     if (!take(piece, urgency_of(piece))) return;
     run.bytes = bytes;
