@@ -145,7 +145,7 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
         }
       }
     }
-    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0});
+    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0, parts[p].cut});
   }
   return pieces;
 }
@@ -248,7 +248,7 @@ class BodyWriter {
     }
     const IndexEntry& entry = body_.index.segments[s].base;
     const PartEntry& in = body_.parts[body_.index.segments[s].part];
-    const double begin = begin_in_part(entry, encoding_.chunk_ticks, in);
+    const double begin = begin_of(entry.level, entry.slot, encoding_.chunk_ticks);
     std::vector<std::uint32_t> order;
     integers_[s] = encoding_.quantiser->quantise(part, groups_[group_of_[s]].steps, begin,
                                                  static_cast<float>(in.end - in.begin), order);

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,6 +26,7 @@ inline constexpr std::uint64_t kMostPrimitivesPerByte = 16;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
 inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.4
 inline constexpr std::uint32_t kFragmentClosed = 1;            // fragment flag, spec 5.12
+inline constexpr std::uint32_t kCriticalFragmentFlags = 0xFFFF;
 
 constexpr std::uint32_t tag_of(const char (&text)[5]) {
   std::uint32_t tag = 0;
@@ -67,7 +69,8 @@ enum class Content : std::uint8_t {
   kPrimitives = 0,  // all attributes; the harmonics above degree 0 may be left to the next
   kHarmonics = 1,
 };
-inline constexpr int kLastContent = 1;  // that this version knows
+inline constexpr int kLastContent = 1;            // that this version knows
+inline constexpr int kFirstPrivateContent = 192;  // spec 3.5
 inline constexpr int kMaxTiers = 256;
 constexpr std::uint16_t layer_of(Content content, int tier) {
   return static_cast<std::uint16_t>(static_cast<int>(content) << 8 | tier);
@@ -97,8 +100,15 @@ struct SegmentEntry {
 
 // A part of the index (spec 5.3).
 struct PartEntry {
-  double begin = 0, end = 0;  // ticks
-  std::uint64_t skip = 0;     // bytes between the records of the part before and its own
+  double begin = 0, end = 0;        // ticks
+  std::uint64_t skip = 0;           // bytes between the records of the part before and its own
+  std::optional<Moments> cut = {};  // what of it is shown, where that is not all
+};
+
+// A further record of a segment (spec 5.13).
+struct FurtherEntry {
+  IndexEntry entry;
+  std::uint32_t part = 0;
 };
 
 struct AttributeBytes {
@@ -111,7 +121,7 @@ struct FileIndex {
   std::uint64_t primitives = 0;
   std::vector<SegmentEntry> segments;
   std::vector<AttributeBytes> attributes;
-  std::vector<IndexEntry> further;  // records of contents that this version does not know
+  std::vector<FurtherEntry> further;  // of contents that this version does not know
 };
 
 // Whose a private number is (spec 3.5).
@@ -133,12 +143,12 @@ double to_chunk(double ticks);
 struct Interval {
   double begin = 0, end = 0;
 };
-// Where a place begins, whatever its part.
+// Whether a moment of a part can be one (spec 5.3).
+bool is_moment(double ticks);
+// Where a place begins, from the beginning of its part on (spec 5.4).
 double begin_of(int level, std::uint32_t slot, double chunk_ticks);
-// The same from the beginning of its part on, as the times of its primitives (spec 7.5.8).
-double begin_in_part(const IndexEntry& entry, double chunk_ticks, const PartEntry& part);
-// The interval of a segment: that of its place within its part's (spec 5.4).
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part);
+// The interval of a place from the beginning of its part on, which lasts `length`.
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length);
 
 std::vector<std::uint8_t> write_header(const FileHeader& header);
 // Header and payload of a record.
@@ -236,10 +246,12 @@ std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
 // The index of a growing file whose head is read, as far as it is complete; header.file_bytes is
 // then where that ends.
 bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings);
-// That the window lies in its capture (spec 4.5).
-void check_window(const SceneMetadata& metadata, Findings& findings);
-// The moments at which a segment's primitives are drawn: its interval within its part's.
-Interval interval_of(const FileHead& head, const SegmentEntry& segment);
+// That the window lies in its capture (spec 4.5): else it is damage, and there is no window.
+void check_window(SceneMetadata& metadata, Findings& findings);
+// The interval of a segment from the beginning of its part on (spec 5.4).
+Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
+// The moments of the timeline at which a segment is shown; begin >= end: none.
+Interval shown_of(const FileHead& head, const SegmentEntry& segment);
 // Reads and checks the head (spec 2.3); false where the segments cannot be reached.
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings);

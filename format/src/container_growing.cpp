@@ -239,12 +239,12 @@ std::vector<std::uint8_t> write_fragment(const FragmentHeader& header,
 
 bool check_fragment_flags(std::uint32_t flags, bool last, std::uint64_t offset,
                           Findings& findings) {
-  if ((flags & ~kFragmentClosed) != 0) {
+  if ((flags & kCriticalFragmentFlags & ~kFragmentClosed) != 0) {
     findings.unsupported(N::kUnknownCritical, offset,
                          "a fragment of flags {:#x}, unknown to this version", flags);
     return false;
   }
-  if (last || flags == 0) return true;
+  if (last || (flags & kFragmentClosed) == 0) return true;
   findings.error(N::kFragment, offset, "a closed fragment that others follow");
   return false;
 }
@@ -268,10 +268,10 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
   head.closed = ((*last)->header.flags & kFragmentClosed) != 0;
   if (!check_header(**last, head, findings)) return false;
   if (head.closed && source.size() > head.header.file_bytes) {
-    findings.error(N::kFileSize, head.header.file_bytes,
-                   "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
-                   "again",
-                   source.size(), head.header.file_bytes);
+    findings.damage(N::kFileSize, head.header.file_bytes,
+                    "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
+                    "again",
+                    source.size(), head.header.file_bytes);
   }
   std::vector<Fragment> chain;
   if (!chain_of(fragments, std::move(**last), head, chain, findings)) return false;

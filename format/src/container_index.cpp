@@ -15,6 +15,7 @@ using N = IssueNumber;
 constexpr int kMaxLevel = 30;
 constexpr std::uint64_t kMaxTotals = 1024;      // spec 5.2
 constexpr std::uint64_t kApart = 1, kMore = 2;  // bits of a segment's shape, spec 5.3
+constexpr std::uint64_t kCut = 1;               // bit of a part's skip
 
 bool persistent(const IndexEntry& entry) {
   return entry.level < 0;
@@ -123,20 +124,28 @@ class IndexReader {
     PartEntry part;
     part.begin = in_.f64();
     part.end = in_.f64();
-    part.skip = in_.varint();
+    const std::uint64_t skip = in_.varint();
+    part.skip = skip >> 1;
+    if ((skip & kCut) != 0) part.cut = {in_.f64(), in_.f64()};
     const std::uint64_t segments = in_.varint();
     if (!in_.ok()) return cut_off();
-    if (!(part.begin >= 0.0 && part.begin < part.end && part.end <= head_.metadata.scene.frames)) {
-      findings_.error(N::kParts, at, "index: part {} lasts from {} to {} of {} frames",
-                      head_.parts.size(), part.begin, part.end, head_.metadata.scene.frames);
+    const Moments shown = part.cut.value_or(Moments{std::max(part.begin, 0.0), part.end});
+    const bool moments = is_moment(part.begin) && is_moment(part.end) && is_moment(shown.begin) &&
+                         is_moment(shown.end);
+    if (!moments || !(part.begin < part.end) ||
+        (part.cut && !(shown.begin >= std::max(part.begin, 0.0) && shown.begin < shown.end &&
+                       shown.end <= part.end))) {
+      findings_.error(N::kParts, at,
+                      "index: part {} lasts from {} to {} and is shown from {} to {}",
+                      head_.parts.size(), part.begin, part.end, shown.begin, shown.end);
       return false;
     }
     if (!advance(part.skip, at)) return false;
     head_.parts.push_back(part);
     Places places;
-    const std::size_t first = ordinal();
+    last_.reset();
     for (std::uint64_t s = 0; s < segments; ++s) {
-      if (!read_segment(places, first)) return false;
+      if (!read_segment(places)) return false;
     }
     return true;
   }
@@ -163,27 +172,27 @@ class IndexReader {
     return true;
   }
 
-  // `part_first`: number of the part's first segment.
-  bool read_segment(Places& places, std::size_t part_first) {  // spec 5.3
+  bool read_segment(Places& places) {  // spec 5.3
     const std::uint64_t at = here();
     const std::uint64_t number = in_.varint(), shape = in_.varint();
     if (!in_.ok()) return cut_off();
     SegmentEntry segment;
     segment.part = static_cast<std::uint32_t>(head_.parts.size() - 1);
     IndexEntry& base = segment.base;
-    if (!places.place_of(number, base) || empty(interval_of(head_, segment))) {
+    if (!places.place_of(number, base) || empty(interval_of(head_, base, segment.part))) {
       findings_.error(N::kSegmentInterval, at, "index: segment {} lies outside its part",
                       ordinal());
       return false;
     }
-    if (ordinal() > part_first &&
-        !comes_before(head_.index.segments.back().base, base, head_.index.chunk_ticks)) {
+    if (last_ && !comes_before(*last_, base, head_.index.chunk_ticks)) {
       findings_.error(N::kSegmentOrder, at, "index: segment {} is out of order", ordinal());
       return false;
     }
-    const std::uint64_t tiers = (shape >> 2) + 1;
-    if (tiers > kMaxTiers) {
-      findings_.error(N::kIndexLayout, at, "index: segment {} has {} tiers", ordinal(), tiers);
+    last_ = base;
+    const std::uint64_t tiers = shape >> 2;
+    if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kMore)) {
+      findings_.error(N::kIndexLayout, at, "index: segment {} has {} tiers, or no records",
+                      ordinal(), tiers);
       return false;
     }
     const std::size_t first = head_.index.segments.size();
@@ -201,12 +210,16 @@ class IndexReader {
       if (!take_record(harmonics, at) || !enough_bytes(harmonics, at)) return false;
       tier.harmonics = harmonics;
     }
-    return (shape & kMore) == 0 || take_further(head_.index.segments[first].base, at);
+    return (shape & kMore) == 0 || take_further(base, segment.part, at);
   }
 
   // What this version does not know, and does without (spec 5.7).
-  bool take_further(IndexEntry entry, std::uint64_t at) {
+  bool take_further(IndexEntry entry, std::uint32_t part, std::uint64_t at) {
     const std::uint64_t records = in_.varint();
+    if (records == 0) {
+      findings_.error(N::kIndexLayout, at, "index: segment {} has no further records", ordinal());
+      return false;
+    }
     for (std::uint64_t i = 0; i < records; ++i) {
       const std::uint64_t layer = in_.varint();
       if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() ||
@@ -217,7 +230,7 @@ class IndexReader {
       entry.layer = static_cast<std::uint16_t>(layer);
       entry.primitives = 0;
       if (!take_record(entry, at)) return false;
-      head_.index.further.push_back(entry);
+      head_.index.further.push_back({entry, part});
     }
     return in_.ok() || cut_off();
   }
@@ -249,8 +262,9 @@ class IndexReader {
   static bool empty(const Interval& interval) { return !(interval.begin < interval.end); }
 
   ByteReader in_;
-  std::uint64_t offset_;    // of the payload
-  std::uint64_t at_, end_;  // where the next record begins and the last may end
+  std::uint64_t offset_;            // of the payload
+  std::uint64_t at_, end_;          // where the next record begins and the last may end
+  std::optional<IndexEntry> last_;  // the place of the segment before, of the same part
   FileHead& head_;
   Findings& findings_;
 };
@@ -269,7 +283,7 @@ std::size_t end_of_run(std::span<const SegmentEntry> segments, std::size_t first
 void write_run(std::span<const SegmentEntry> tiers, Places& places, ByteWriter& out) {
   const bool apart = tiers[0].harmonics.bytes > 0;
   out.varint(places.number_of(tiers[0].base));
-  out.varint((tiers.size() - 1) << 2 | (apart ? kApart : 0));
+  out.varint(tiers.size() << 2 | (apart ? kApart : 0));
   for (const SegmentEntry& tier : tiers) {
     out.varint(tier.base.primitives);
     out.varint(tier.base.bytes - kRecordHeaderBytes);
@@ -293,20 +307,27 @@ double to_chunk(double ticks) {
   return ticks > 0.0 ? std::max(kChunkGrain, std::round(ticks / kChunkGrain) * kChunkGrain) : 0.0;
 }
 
-double begin_in_part(const IndexEntry& entry, double chunk_ticks, const PartEntry& part) {
-  return entry.level < 0 ? 0.0 : begin_of(entry.level, entry.slot, chunk_ticks) - part.begin;
+bool is_moment(double ticks) {
+  return std::abs(ticks) <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
 }
 
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, const Interval& part) {
-  if (level < 0) return part;
+Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
+  if (level < 0) return {0.0, length};
   const double begin = begin_of(level, slot, chunk_ticks);
-  return {std::max(begin, part.begin), std::min(begin + std::ldexp(chunk_ticks, level), part.end)};
+  return {begin, std::min(begin + std::ldexp(chunk_ticks, level), length)};
 }
 
-Interval interval_of(const FileHead& head, const SegmentEntry& segment) {
+Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
+  return interval_of(entry.level, entry.slot, head.index.chunk_ticks,
+                     head.parts[part].end - head.parts[part].begin);
+}
+
+Interval shown_of(const FileHead& head, const SegmentEntry& segment) {
   const PartEntry& part = head.parts[segment.part];
-  return interval_of(segment.base.level, segment.base.slot, head.index.chunk_ticks,
-                     {part.begin, part.end});
+  const Interval interval = interval_of(head, segment.base, segment.part);
+  const Moments shown = part.cut.value_or(Moments{part.begin, part.end});
+  return {std::max({0.0, part.begin + interval.begin, shown.begin}),
+          std::min(part.begin + interval.end, shown.end)};
 }
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
@@ -348,7 +369,11 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     out.f64(parts[p].begin);
     out.f64(parts[p].end);
-    out.varint(parts[p].skip);
+    out.varint(parts[p].skip << 1 | (parts[p].cut ? kCut : 0));
+    if (parts[p].cut) {
+      out.f64(parts[p].cut->begin);
+      out.f64(parts[p].cut->end);
+    }
     ByteWriter rows;
     std::uint64_t runs = 0;
     Places places;

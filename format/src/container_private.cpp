@@ -13,7 +13,6 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint16_t kFirstPrivateNumber = 0xC000;  // of attributes and profiles
-constexpr std::uint16_t kFirstPrivateContent = 192;
 
 bool is_name(const std::string& text) {
   return !text.empty() && is_utf8(text);
@@ -54,6 +53,7 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
     head.private_names.push_back(std::move(name));
   }
   if (good) return true;
+  head.private_names.clear();
   findings.error(N::kPrivate, offset,
                  "private names: {} of them do not fit {} bytes, or one is none", count,
                  payload.size());
@@ -85,7 +85,7 @@ void check_private_numbers(const FileHead& head, Findings& findings) {
     need_name(PrivateKind::kProfile, head.metadata.profile_number, kHeaderBytes, head, findings);
   }
   check_private_layouts(head.layouts, kHeaderBytes, head, findings);
-  for (const IndexEntry& entry : head.index.further) {
+  for (const auto& [entry, part] : head.index.further) {
     const auto content = static_cast<std::uint16_t>(content_of(entry.layer));
     if (content < kFirstPrivateContent) continue;
     need_name(PrivateKind::kContent, content, entry.offset, head, findings);

@@ -14,6 +14,8 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint64_t kWindowBytes = 24;
+// Of kernel, colour and harmonics: those from here on may be shown as 0 (spec 4.2).
+constexpr std::uint8_t kFirstShownAsZero = 128;
 
 bool all_finite(std::span<const float> values) {
   return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
@@ -46,7 +48,7 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   if (tag == kPrivateTag) return parse_private_names(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
-    return parse_layouts(in, payload_at, limits.max_memory, out.layouts, findings);
+    return parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
   }
   if (have.count(kMetadataTag) == 0) return false;
   const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
@@ -69,13 +71,19 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
                        (record.tag == kIndexTag && !out.growing());
     const bool aside = (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
     if (!aside && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
-    if (!check_payload(record, payload, payload_at, findings)) continue;
-    if (have.count(record.tag) != 0) {
-      findings.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
-      continue;
+    Findings found;
+    if (check_payload(record, payload, payload_at, found)) {
+      if (have.count(record.tag) != 0) {
+        found.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
+      } else if (read_record(record.tag, payload, payload_at, limits, have, out, found)) {
+        have.insert(record.tag);
+      }
     }
-    if (!read_record(record.tag, payload, payload_at, limits, have, out, findings)) continue;
-    have.insert(record.tag);
+    if (aside) {
+      findings.damage(std::move(found));  // what is not critical is done without
+    } else {
+      findings.append(std::move(found));
+    }
   }
   if (have.count(kMetadataTag) == 0 || (have.count(kIndexTag) == 0 && !out.growing())) {
     if (findings.ok()) {
@@ -162,10 +170,10 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
   }
   if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
   if (header.file_bytes < source_bytes) {
-    findings.error(N::kFileSize, 16,
-                   "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
-                   "again",
-                   source_bytes, header.file_bytes);
+    findings.damage(N::kFileSize, 16,
+                    "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
+                    "again",
+                    source_bytes, header.file_bytes);
   }
   if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
     findings.error(N::kHeadSize, 24, "the head of {} bytes does not fit the file's {} bytes",
@@ -202,6 +210,16 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
   return true;
 }
 
+namespace {
+
+// Whether records of this tag must be marked critical (spec 3.2).
+bool is_critical(std::uint32_t tag) {
+  return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kFragmentTag ||
+         tag == kSegmentTag;
+}
+
+}  // namespace
+
 bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
                  Findings& findings) {  // spec 3.2, 3.4
   if (known_tag && header.flags == kCritical) return true;
@@ -209,7 +227,7 @@ bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offse
     findings.unsupported(N::kUnknownCritical, offset,
                          "record '{}' with flags {:#x} is critical and unknown to this version",
                          tag_text(header.tag), header.flags);
-  } else if (known_tag && header.flags == 0) {
+  } else if ((known_tag || is_critical(header.tag)) && header.flags == 0) {
     findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
                    tag_text(header.tag));
   }
@@ -232,6 +250,13 @@ void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, F
     findings.error(N::kMetadataValue, offset,
                    "metadata: background, bounds or near plane is not a finite number >= 0");
   }
+  const double length = std::hypot(double{scene.up[0]}, double{scene.up[1]}, double{scene.up[2]});
+  if (!all_finite(scene.up) || !all_finite(scene.floor) || !std::isfinite(scene.metres_per_unit) ||
+      scene.metres_per_unit < 0.0f || (length != 0.0 && std::abs(length - 1.0) > 1e-3)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: {} metres a unit, or an up vector of length {}, or the floor",
+                   scene.metres_per_unit, length);
+  }
   for (int axis = 0; axis < 3; ++axis) {
     if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
       findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
@@ -250,7 +275,10 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   scene.time_base.numerator = in.u32();
   scene.time_base.denominator = in.u32();
   scene.frames = in.u32();
-  const std::uint8_t units = in.u8(), axes = in.u8(), colour = in.u8(), harmonics = in.u8();
+  scene.kernel = in.u8();
+  const std::uint8_t axes = in.u8();
+  scene.colour = in.u8();
+  scene.harmonics = in.u8();
   const std::uint16_t profile = in.u16();
   metadata.sh_degree = in.u16();
   for (float& v : scene.background) v = in.f32();
@@ -265,19 +293,27 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v = in.f32();
   scene.generator = in.string();
   scene.title = in.string();
+  scene.metres_per_unit = in.f32();
+  for (float& v : scene.up) v = in.f32();
+  for (float& v : scene.floor) v = in.f32();
   if (!in.ok()) {
     findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
     return false;
   }
-  if (axes != 0 || colour != 0 || harmonics != 0) {
-    findings.unsupported(N::kMetadataConvention, offset + 13,
-                         "metadata: axes {}, colour {}, harmonics {}: one of them is unknown to "
-                         "this version",
-                         axes, colour, harmonics);
+  const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
+  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.harmonics)) {
+    findings.unsupported(N::kMetadataConvention, offset + 12,
+                         "metadata: kernel {}, axes {}, colour {}, harmonics {}: one of them is "
+                         "unknown to this version",
+                         scene.kernel, axes, scene.colour, scene.harmonics);
     return false;
   }
-  // What only informs may be of a later version (spec 4.2).
-  scene.metric = units == 1;
+  if (scene.kernel != 0 || scene.colour != 0 || scene.harmonics != 0) {
+    findings.warning(
+        N::kMetadataConvention, offset + 12,
+        "metadata: kernel {}, colour {}, harmonics {}, of a later version, are shown as 0",
+        scene.kernel, scene.colour, scene.harmonics);
+  }
   metadata.profile_number = profile;
   metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
                                                                   : Profile::kUnknown;
@@ -312,13 +348,14 @@ bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
   return true;
 }
 
-void check_window(const SceneMetadata& metadata, Findings& findings) {
+void check_window(SceneMetadata& metadata, Findings& findings) {
   if (!metadata.window) return;
-  const CaptureWindow& window = *metadata.window;
+  const CaptureWindow window = *metadata.window;
   if (std::uint64_t{window.first_frame} + metadata.frames <= window.capture_frames) return;
-  findings.error(N::kWindow, kHeaderBytes,
-                 "window: {} frames from frame {} on do not lie in a capture of {} frames",
-                 metadata.frames, window.first_frame, window.capture_frames);
+  findings.damage(N::kWindow, kHeaderBytes,
+                  "window: {} frames from frame {} on do not lie in a capture of {} frames",
+                  metadata.frames, window.first_frame, window.capture_frames);
+  metadata.window.reset();
 }
 
 namespace {

@@ -40,10 +40,10 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   out.u32(scene.time_base.numerator);
   out.u32(scene.time_base.denominator);
   out.u32(scene.frames);
-  out.u8(scene.metric ? 1 : 0);
+  out.u8(scene.kernel);
   out.u8(0);  // axes: OpenCV
-  out.u8(0);  // colour: sRGB-encoded
-  out.u8(0);  // harmonics: 3DGS
+  out.u8(scene.colour);
+  out.u8(scene.harmonics);
   out.u16(static_cast<std::uint16_t>(metadata.profile));
   out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
   for (float v : scene.background) out.f32(v);
@@ -58,6 +58,9 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   for (float v : {camera.fx, camera.fy, camera.cx, camera.cy}) out.f32(v);
   out.string(scene.generator);
   out.string(scene.title);
+  out.f32(scene.metres_per_unit);
+  for (float v : scene.up) out.f32(v);
+  for (float v : scene.floor) out.f32(v);
   return out.take();
 }
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <numeric>
 #include <queue>
 #include <utility>
 #include <vector>
@@ -18,7 +17,9 @@ struct Level {
   std::uint64_t primitives, bytes, index_bytes;
   double bits_per_second, primitives_per_second;
 };
-constexpr std::uint32_t kLeastWork = 1000;  // primitives that a segment counts for at least
+constexpr std::uint64_t kLeastWork = 1000;  // primitives that a segment counts for at least
+// Of a table of a record's own layout; one takes so many bytes at least.
+constexpr std::uint64_t kTableWork = 64, kTableBytes = 3;
 constexpr std::uint64_t kMiB = 1 << 20;
 constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6, 1e6},
                              {1'000'000, 16 * kMiB, kMiB, 25e6, 4e6},
@@ -27,6 +28,17 @@ constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6, 1e6},
 
 std::uint64_t bytes_of(const SegmentInfo& segment) {
   return segment.bytes + segment.harmonics_bytes;
+}
+
+// Clause 2.2, of a record that has a layout of its own.
+std::uint64_t table_work(std::uint64_t record_bytes) {
+  return kTableWork * std::min<std::uint64_t>(kMaxOwnTables, record_bytes / kTableBytes);
+}
+
+std::uint64_t work_of(const SegmentInfo& segment, bool own_layouts) {
+  const std::uint64_t tables =
+      own_layouts ? table_work(segment.bytes) + table_work(segment.harmonics_bytes) : 0;
+  return std::max<std::uint64_t>(segment.primitives, kLeastWork) + tables;
 }
 
 // The segments of a moment while it moves on; neighbours in the file are one range.
@@ -61,8 +73,10 @@ class Held {
 };
 
 std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments) {
-  std::vector<std::uint32_t> order(segments.size());
-  std::iota(order.begin(), order.end(), 0u);
+  std::vector<std::uint32_t> order;
+  for (std::uint32_t s = 0; s < segments.size(); ++s) {
+    if (segments[s].shown()) order.push_back(s);
+  }
   std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return segments[a].begin_ticks < segments[b].begin_ticks;
   });
@@ -101,7 +115,7 @@ void add_rate(const SceneReader& reader, const std::vector<std::uint32_t>& order
       continue;
     }
     bits += 8.0 * static_cast<double>(bytes_of(segment));
-    primitives += std::max(segment.primitives, kLeastWork);
+    primitives += static_cast<double>(work_of(segment, !reader.has_layouts()));
     needs.bits_per_second = std::max(needs.bits_per_second, bits / seconds);
     needs.primitives_per_second = std::max(needs.primitives_per_second, primitives / seconds);
   }

@@ -27,7 +27,7 @@ enum class IssueNumber : int {
   kRecordLength = 111,        // payload past the end of its area
   kRecordChecksum = 112,      //
   kUnknownCritical = 113,     // a critical record that is not known
-  kDuplicateRecord = 114,     // a second META or INDX
+  kDuplicateRecord = 114,     // a second META, LAYT, INDX, WNDW or PRIV
   kMissingRecord = 115,       // no META or INDX
   kNotCritical = 116,         // META, INDX or SEGM without the critical bit
   kPrivate = 117,             // a private number whose maker is not named
@@ -52,6 +52,7 @@ enum class IssueNumber : int {
   kImportance = 312,          // IMPO of another size, or with a value that is none
   kFragment = 313,            // a fragment of a growing file's index that cannot be used
   kIncompleteTail = 314,      // warning: bytes after the last complete fragment
+  kTimedData = 315,           // cut off, or of moments outside its segment's interval
   kSegmentMismatch = 400,     // the record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // an attribute missing, twice or out of order
@@ -99,6 +100,10 @@ class Findings {
   void warning(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
                Args&&... args) {
     add(number, false, StatusCode::kOk, offset, fmt::format(text, std::forward<Args>(args)...));
+  }
+  // What is wrong with a record that a reader does without (spec 3.4).
+  void damage(Findings record) {
+    for (Issue& issue : record.issues_) issues_.push_back(std::move(issue));
   }
   void failed_read(std::uint64_t offset, const Status& status) {
     add(IssueNumber::kUnreadable, true, status.code(), offset, status.message());

@@ -9,6 +9,8 @@ namespace {
 
 using N = IssueNumber;
 
+constexpr std::uint64_t kRowLengthBytes = 2;  // before each row
+
 // Numbers of the origin that are written: without the zeros at its end.
 std::size_t origins_of(const StreamRow& row) {
   std::size_t count = std::size(row.origin);
@@ -68,13 +70,13 @@ bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings&
 }
 
 // False where the row is none.
-bool read_row(ByteReader& layouts, std::uint64_t offset, StreamRow& row, Findings& findings) {
-  const std::size_t length = layouts.u16();
-  ByteReader in(layouts.bytes(length));
+bool read_row(std::span<const std::uint8_t> bytes, std::uint64_t offset, StreamRow& row,
+              Findings& findings) {
+  ByteReader in(bytes);
   read_kind(in, row);
-  if (row.known && layouts.ok() && !read_fields(in, offset, row, findings)) return false;
-  if (in.ok() || !layouts.ok()) return layouts.ok();
-  findings.error(N::kLayouts, offset, "layouts: a stream's {} bytes are too few", length);
+  if (row.known && !read_fields(in, offset, row, findings)) return false;
+  if (in.ok()) return true;
+  findings.error(N::kLayouts, offset, "layouts: a stream's {} bytes are too few", bytes.size());
   return false;
 }
 
@@ -95,14 +97,15 @@ bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offs
   return true;
 }
 
-bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Layout& layout,
-                 Findings& findings) {
-  const std::size_t rows = in.u8();
+// The rows of a layout, all of whose bytes are there.
+bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_t offset,
+               const LayoutSet& set, Layout& layout, Findings& findings) {
   std::size_t coded = 0, most = 0;
-  for (std::size_t i = 0; i < rows; ++i) {
-    const std::uint64_t at = offset + in.position();
+  std::uint64_t at = offset;
+  for (const std::span<const std::uint8_t> bytes : rows) {
     StreamRow row;
-    if (!read_row(in, at, row, findings)) return false;
+    at += kRowLengthBytes;
+    if (!read_row(bytes, at, row, findings)) return false;
     if (row.optional() && row.in_group()) {
       findings.error(N::kStreamShape, at, "layouts: the optional attribute {} is coded with rANS",
                      row.attribute);
@@ -110,12 +113,14 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
     }
     if (!row.known) {  // refuses the records that use it
       layout.streams.push_back(std::move(row));
+      at += bytes.size();
       continue;
     }
     if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
     most += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
     for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
     layout.streams.push_back(std::move(row));
+    at += bytes.size();
   }
   if (layout.planes() > most) {  // spec 7.3
     findings.error(N::kStreamShape, offset, "layouts: {} planes for {} bytes of floats",
@@ -128,6 +133,20 @@ bool read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Lay
     return false;
   }
   return true;
+}
+
+// What is wrong with a row is its layout's alone, as long as the row has its bytes.
+void read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Layout& layout) {
+  const std::uint64_t at = offset + in.position() + 1;
+  std::vector<std::span<const std::uint8_t>> rows(in.u8());
+  for (auto& row : rows) row = in.bytes(in.u16());
+  if (!in.ok()) return;  // which the caller tells
+  Findings found;
+  if (read_rows(rows, at, set, layout, found)) return;
+  Issue issue = std::move(found.take().front());
+  layout.problem = issue.number;
+  layout.problem_at = issue.offset;
+  layout.why = std::move(issue.message);
 }
 
 }  // namespace
@@ -177,11 +196,11 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
   }
 }
 
-bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, LayoutSet& set,
-                   Findings& findings) {
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables,
+                   std::uint64_t memory, LayoutSet& set, Findings& findings) {
   const std::size_t tables = in.u16();
-  if (tables > kMaxTables) {
-    findings.error(N::kLayouts, offset, "layouts: {} tables, more than {}", tables, kMaxTables);
+  if (tables > most_tables) {
+    findings.error(N::kLayouts, offset, "layouts: {} tables, more than {}", tables, most_tables);
     return false;
   }
   if (tables > memory / kTableMemory) {
@@ -210,7 +229,7 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, L
   }
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
-    if (!read_layout(in, offset, set, layout, findings)) break;
+    read_layout(in, offset, set, layout);
     set.layouts.push_back(std::move(layout));
   }
   if (!in.ok()) {

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "rans.h"
@@ -13,6 +14,7 @@
 namespace stgs {
 
 inline constexpr std::size_t kMaxTables = 1024;
+inline constexpr std::size_t kMaxOwnTables = 256;  // of a record's own layout
 // What a table takes once it can be looked up (conformance 1.5).
 inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
 inline constexpr std::size_t kMaxLayouts = 65534;
@@ -22,6 +24,10 @@ struct LayoutSet;
 
 struct Layout {
   std::vector<StreamRow> streams;
+  // Where a row breaks a rule (spec 6.3): the records that name the layout cannot be read.
+  int problem = 0;  // issue number; 0: none
+  std::uint64_t problem_at = 0;
+  std::string why;
 
   bool has_group() const;      // a stream is coded with rANS
   std::size_t planes() const;  // of the streams that are not skipped
@@ -43,9 +49,9 @@ struct LayoutSet {
 std::int16_t only_symbol(const RansTable& table);
 
 void write_layouts(const LayoutSet& set, ByteWriter& out);
-// Takes a set from `in`, whose first byte is byte `offset` of the file. `memory`: bytes that its
-// tables may take.
-bool parse_layouts(ByteReader& in, std::uint64_t offset, std::uint64_t memory, LayoutSet& set,
-                   Findings& findings);
+// Takes a set of at most `most_tables` tables from `in`, whose first byte is byte `offset` of the
+// file. `memory`: bytes that its tables may take. What is wrong with a row stands in its layout.
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables,
+                   std::uint64_t memory, LayoutSet& set, Findings& findings);
 
 }  // namespace stgs

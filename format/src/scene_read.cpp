@@ -17,7 +17,7 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &harmonics = segment.harmonics;
-    const Interval interval = interval_of(head, segment);
+    const Interval interval = shown_of(head, segment);
     out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
                    base.bytes, segment.part, tier_of(base.layer), harmonics.offset, harmonics.bytes,
                    head.has(base), head.has(harmonics)});
@@ -27,7 +27,7 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
 
 std::vector<ScenePart> parts_from(const FileHead& head) {
   std::vector<ScenePart> out;
-  for (const PartEntry& part : head.parts) out.push_back({part.begin, part.end, 0});
+  for (const PartEntry& part : head.parts) out.push_back({part.begin, part.end, 0, part.cut});
   for (const SegmentEntry& segment : head.index.segments) {
     out[segment.part].primitives += segment.base.primitives;
   }
@@ -68,7 +68,8 @@ class Reader final : public SceneReader {
   double complete_ticks() const override {
     double ticks = metadata().frames;
     for (const SegmentInfo& segment : segments_) {
-      if (!segment.there || !segment.harmonics_there) ticks = std::min(ticks, segment.begin_ticks);
+      const bool whole = segment.there && segment.harmonics_there;
+      if (segment.shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
     }
     return ticks;
   }
@@ -97,6 +98,7 @@ class Reader final : public SceneReader {
   }
 
   double chunk_ticks() const override { return head_.index.chunk_ticks; }
+  bool has_layouts() const override { return !head_.layouts.layouts.empty(); }
   const std::vector<SegmentInfo>& segments() const override { return segments_; }
   const std::vector<ScenePart>& parts() const override { return parts_; }
 
@@ -122,7 +124,7 @@ class Reader final : public SceneReader {
       const SegmentInfo& segment = segments_[i];
       // The end of the timeline belongs to the segments that reach it (spec 5.4).
       const bool ends_after = first < segment.end_ticks || segment.end_ticks >= frames;
-      if (segment.begin_ticks <= last && ends_after) out.push_back(i);
+      if (segment.shown() && segment.begin_ticks <= last && ends_after) out.push_back(i);
     }
     return out;
   }
@@ -365,7 +367,8 @@ Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& l
   try {
     Scene scene;
     scene.metadata = reader->metadata();
-    const ScenePart whole = {0, static_cast<double>(scene.metadata.frames), reader->primitives()};
+    const ScenePart whole = {
+        0, static_cast<double>(scene.metadata.frames), reader->primitives(), {}};
     if (reader->parts() != std::vector<ScenePart>{whole}) scene.parts = reader->parts();
     STGS_TRY(read_all(*reader, limits.max_memory, scene.gaussians));
     STGS_ASSIGN(scene.importance, reader->importance());

@@ -5,21 +5,13 @@
 #include <bit>
 #include <exception>
 
+#include "recording.h"
 #include "scene_write.h"
 #include "segmenter.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs {
 namespace {
-
-// What the index tells of an appended stretch.
-struct Stretch {
-  PartEntry part;
-  std::vector<SegmentEntry> segments;  // of part 0
-  std::vector<AttributeBytes> attributes;
-  std::uint64_t primitives = 0;
-  std::uint64_t fragment = 0, fragment_bytes = 0;  // its FRAG record
-};
 
 // The index of successive stretches.
 std::vector<std::uint8_t> index_of(std::span<const Stretch> stretches, double chunk_ticks) {
@@ -41,48 +33,6 @@ std::vector<std::uint8_t> index_of(std::span<const Stretch> stretches, double ch
       }
   }
   return write_index(index, parts);
-}
-
-// The bytes of each attribute in `all` beyond those in `before`.
-std::vector<AttributeBytes> totals_beyond(const std::vector<AttributeBytes>& all,
-                                          const std::vector<AttributeBytes>& before) {
-  std::vector<AttributeBytes> out = all;
-  for (AttributeBytes& row : out) {
-    for (const AttributeBytes& other : before) {
-      if (other.attribute == row.attribute) row.bytes -= other.bytes;
-    }
-  }
-  return out;
-}
-
-// What a recorder knew when it had written these complete fragments. Of attributes it is enough
-// to know what each fragment of the index lists: a later one lists several of them, or none.
-std::vector<Stretch> stretches_of(const FileHead& head) {
-  std::vector<Stretch> out(head.parts.size());
-  for (std::size_t p = 0; p < out.size(); ++p) out[p].part = head.parts[p];
-  for (SegmentEntry segment : head.index.segments) {
-    Stretch& stretch = out[segment.part];
-    stretch.primitives += segment.base.primitives;
-    stretch.segments.push_back(std::move(segment));
-  }
-  std::uint64_t at = head.header.head_bytes;
-  for (std::size_t p = 0; p < out.size(); ++p) {
-    at += out[p].part.skip;
-    for (const IndexEntry* record : records_of(out[p].segments)) at += record->bytes;
-    out[p].fragment = at;
-    out[p].fragment_bytes = p + 1 < out.size() ? out[p + 1].part.skip : 0;
-  }
-  const std::vector<FragmentEntry>& fragments = head.fragments;
-  out.back().fragment_bytes = fragments.back().bytes;
-  for (std::size_t f = 0; f < fragments.size(); ++f) {
-    const auto& all = f + 1 < fragments.size() ? fragments[f + 1].before : head.index.attributes;
-    out[fragments[f].first_part].attributes = totals_beyond(all, fragments[f].before);
-  }
-  for (Stretch& stretch : out) {
-    if (stretch.attributes.empty())
-      stretch.attributes = totals_beyond(head.index.attributes, head.index.attributes);
-  }
-  return out;
 }
 
 class Recorder final : public SceneRecorder {
@@ -123,7 +73,7 @@ class Recorder final : public SceneRecorder {
       return usage_error("{}: a stretch that ends at frame {} is appended to {} frames",
                          file_.path(), end_frame, frames_);
     }
-    if (chunk_ticks_ > 0 && 2.0 * end_frame >= kMostSlots * chunk_ticks_) {
+    if (chunk_ticks_ > 0 && 2.0 * (end_frame - frames_) >= kMostSlots * chunk_ticks_) {
       return usage_error("{}: {} frames are too many for chunks of {} ticks", file_.path(),
                          end_frame, chunk_ticks_);
     }
@@ -253,129 +203,6 @@ class Recorder final : public SceneRecorder {
   bool open_ = true;
 };
 
-// The stored bytes of a record, checked.
-bool copy_record(const ByteSource& source, const IndexEntry& entry,
-                 std::vector<std::uint8_t>& bytes, Findings& findings) {
-  bytes.resize(entry.bytes);
-  if (Status status = source.read(entry.offset, bytes); !status.ok()) {
-    findings.failed_read(entry.offset, status);
-    return false;
-  }
-  RecordHeader header;
-  return parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, header, findings) &&
-         check_payload(header, std::span(bytes).subspan(kRecordHeaderBytes),
-                       entry.offset + kRecordHeaderBytes, findings);
-}
-
-// Whether all bytes of the last fragment's own records are there, as a power cut can leave them
-// not.
-bool last_stretch_is_whole(const ByteSource& source, const FileHead& head) {
-  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
-  Findings found;
-  std::vector<std::uint8_t> bytes;
-  for (const SegmentEntry& segment : head.index.segments) {
-    if (segment.part != last) continue;
-    for (const IndexEntry* entry : {&segment.base, &segment.harmonics}) {
-      if (entry->bytes > 0) copy_record(source, *entry, bytes, found);
-    }
-  }
-  return found.ok();
-}
-
-// Takes the part of a last fragment away that is not whole.
-void drop_torn_end(const ByteSource& source, FileHead& head) {
-  if (head.closed || head.parts.size() < 2 || last_stretch_is_whole(source, head)) return;
-  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
-  std::vector<SegmentEntry>& segments = head.index.segments;
-  const auto first = std::find_if(segments.begin(), segments.end(),
-                                  [last](const SegmentEntry& s) { return s.part == last; });
-  for (auto s = first; s != segments.end(); ++s) head.index.primitives -= s->base.primitives;
-  segments.erase(first, segments.end());
-  head.parts.pop_back();
-  head.metadata.scene.frames = static_cast<std::uint32_t>(head.parts.back().end);
-}
-
-// The first bytes of a source.
-class Beginning final : public ByteSource {
- public:
-  Beginning(const ByteSource& whole, std::uint64_t size) : whole_(whole), size_(size) {}
-  std::uint64_t size() const override { return size_; }
-  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    return whole_.read(offset, out);
-  }
-  const std::string& name() const override { return whole_.name(); }
-
- private:
-  const ByteSource& whole_;
-  std::uint64_t size_ = 0;
-};
-
-// Whether every stretch is one part with its fragment behind it, as a Recorder lays them out.
-bool is_ours(const ByteSource& source, const FileHead& head) {
-  const auto none = [&head](const FragmentEntry& f) { return f.first_part >= head.parts.size(); };
-  if (std::any_of(head.fragments.begin(), head.fragments.end(), none)) return false;
-  for (const Stretch& stretch : stretches_of(head)) {
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    if (!source.read(stretch.fragment, bytes).ok()) return false;
-    Findings found;
-    RecordHeader record;
-    if (!parse_record_header(bytes, stretch.fragment, source.size(), record, found)) return false;
-    if (record.tag != kFragmentTag) return false;
-  }
-  return true;
-}
-
-// What is complete of a recording that is to be gone on with.
-Result<FileHead> read_resumable(const ByteSource& source) {
-  for (std::uint64_t size = source.size();;) {
-    const Beginning beginning(source, size);
-    Findings findings;
-    FileHead head;
-    read_head(beginning, {}, head, findings);
-    if (!findings.ok()) return findings.status(source.name());
-    if (!head.growing() || head.closed) {
-      return usage_error("{}: is finished; nothing can be appended to it", source.name());
-    }
-    if (!findings.take().empty()) {
-      return invalid_file("{}: a fragment of its index is damaged; 'stgs finalize' keeps the rest",
-                          source.name());
-    }
-    if (head.fragments.empty()) return head;
-    if (!is_ours(source, head)) {
-      return unsupported("{}: is laid out otherwise than this recorder does; 'stgs finalize' it",
-                         source.name());
-    }
-    if (last_stretch_is_whole(source, head)) return head;
-    size = head.fragments.back().offset;  // a power cut: without this fragment
-  }
-}
-
-Status finalize(const ByteSource& source, const std::string& output) {
-  Findings findings;
-  FileHead head;
-  read_head(source, {}, head, findings);
-  if (!findings.ok()) return findings.status(source.name());
-  if (!head.growing()) {
-    return usage_error("{}: has its index in the head already", source.name());
-  }
-  drop_torn_end(source, head);
-  for (PartEntry& part : head.parts) part.skip = 0;
-  const std::vector<IndexEntry*> records = records_of(head.index.segments);
-  std::uint64_t body_bytes = 0;
-  for (const IndexEntry* record : records) body_bytes += record->bytes;
-  FileHeader header;
-  OutputFile file;
-  STGS_TRY(file.open(output));
-  STGS_TRY(file.write(write_finished_head(
-      head.metadata, head.layouts, write_index(head.index, head.parts), body_bytes, header)));
-  std::vector<std::uint8_t> bytes;
-  for (const IndexEntry* record : records) {
-    if (!copy_record(source, *record, bytes, findings)) return findings.status(source.name());
-    STGS_TRY(file.write(bytes));
-  }
-  return file.commit();
-}
-
 }  // namespace
 
 Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& path,
@@ -414,14 +241,6 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::resume(const std::string& 
     return std::unique_ptr<SceneRecorder>(std::move(recorder));
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", path, e.what());
-  }
-}
-
-Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output) {
-  try {
-    return finalize(*recording, output);
-  } catch (const std::exception& e) {
-    return runtime_error("{}: {}", recording->name(), e.what());
   }
 }
 

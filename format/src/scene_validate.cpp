@@ -21,11 +21,11 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.base.offset;
   const std::size_t n = set.size();
-  const Interval interval = interval_of(head, entry);
+  const Interval interval = interval_of(head, entry.base, entry.part);
   const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,
              [&](std::size_t i) {
-               const Lifetime lifetime = lifetime_of(set, i, {part.begin, part.end}, false);
+               const Lifetime lifetime = lifetime_of(set, i, part.end - part.begin, false);
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });
@@ -151,10 +151,37 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 
+// The further records of a segment by ascending layer (spec 5.13).
+void check_further_order(const FileHead& head, Findings& findings) {
+  const std::vector<FurtherEntry>& further = head.index.further;
+  for (std::size_t i = 1; i < further.size(); ++i) {
+    const IndexEntry &a = further[i - 1].entry, &b = further[i].entry;
+    const bool same =
+        further[i - 1].part == further[i].part && a.level == b.level && a.slot == b.slot;
+    if (!same || a.layer <= b.layer) continue;
+    findings.error(N::kSegmentOrder, b.offset,
+                   "a further record of layer {} behind one of layer {}", b.layer, a.layer);
+  }
+}
+
+// That timed data says when it is, and lies in the segment that has these moments (spec 5.13).
+void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
+                 Findings& findings) {
+  if (content_of(record.entry.layer) < kFirstPrivateContent) return;
+  const double begin = in.f64(), end = in.f64();
+  const Interval interval = interval_of(head, record.entry, record.part);
+  if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
+  findings.error(N::kTimedData, record.entry.offset,
+                 "timed data of [{}, {}] in a segment of [{}, {}], ticks of its part, or cut off",
+                 begin, end, interval.begin, interval.end);
+}
+
 // That records of unknown contents say what the index does (spec 6.1).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
-  for (const IndexEntry& entry : head.index.further) {
-    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8;
+  check_further_order(head, findings);
+  for (const FurtherEntry& further : head.index.further) {
+    const IndexEntry& entry = further.entry;
+    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
     if (!head.has(entry)) continue;  // a file that is truncated: reported
     std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
     if (Status status = source.read(entry.offset, bytes); !status.ok()) {
@@ -171,6 +198,7 @@ void check_further(const ByteSource& source, const FileHead& head, Findings& fin
     const std::uint32_t slot = in.u32();
     if (in.ok() && record.tag == kSegmentTag && level == entry.level && layer == entry.layer &&
         slot == entry.slot) {
+      check_timed(in, further, head, findings);
       continue;
     }
     findings.error(N::kSegmentMismatch, entry.offset,
@@ -225,6 +253,10 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, findings);
+  }
+  for (const Layout& layout : head.layouts.layouts) {
+    if (layout.problem == 0) continue;
+    findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
   }
   check_further(source, head, findings);
   walk_body(source, head, findings);

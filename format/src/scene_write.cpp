@@ -63,10 +63,16 @@ Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
     primitives += part.primitives;
-    if (!(part.begin_ticks >= 0.0 && part.begin_ticks < part.end_ticks &&
-          part.end_ticks <= scene.metadata.frames)) {
-      return usage_error("a part lasts from {} to {} of {} frames", part.begin_ticks,
-                         part.end_ticks, scene.metadata.frames);
+    const Moments shown = part.shown();
+    const double first = part.cut ? std::max(part.begin_ticks, 0.0) : part.begin_ticks;
+    if (!is_moment(part.begin_ticks) || !is_moment(part.end_ticks) || !is_moment(shown.begin) ||
+        !is_moment(shown.end) ||
+        !(part.begin_ticks < part.end_ticks && first <= shown.begin && shown.begin < shown.end &&
+          shown.end <= part.end_ticks)) {
+      return usage_error(
+          "a part lasts from {} to {} and is shown from {} to {}: not in order, before the "
+          "timeline, or no multiples of 2^-20 ticks",
+          part.begin_ticks, part.end_ticks, shown.begin, shown.end);
     }
   }
   if (!scene.parts.empty() && primitives != scene.gaussians.size()) {
@@ -158,12 +164,12 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
 std::vector<PartRange> ranges_of(const Scene& scene) {
   const auto count = static_cast<std::uint32_t>(scene.gaussians.size());
   const auto frames = static_cast<double>(scene.metadata.frames);
-  if (scene.parts.empty()) return {{0, count, {0.0, frames}}};
+  if (scene.parts.empty()) return {{0, count, {0.0, frames}, {}}};
   std::vector<PartRange> ranges;
   std::uint32_t first = 0;
   for (const ScenePart& part : scene.parts) {
     const auto last = static_cast<std::uint32_t>(first + part.primitives);
-    ranges.push_back({first, last, {part.begin_ticks, part.end_ticks}});
+    ranges.push_back({first, last, {part.begin_ticks, part.end_ticks}, part.cut});
     first = last;
   }
   return ranges;
@@ -172,7 +178,7 @@ std::vector<PartRange> ranges_of(const Scene& scene) {
 double longest_of(std::span<const PartRange> parts) {
   double longest = 0.0;
   for (const PartRange& part : parts) {
-    longest = std::max(longest, part.interval.end - part.interval.begin);
+    longest = std::max(longest, part.length());
   }
   return longest;
 }

@@ -32,6 +32,15 @@ bool check_known(const Layout& layout, std::uint32_t ordinal, std::uint64_t offs
   return true;
 }
 
+// Whether each table is that of a plane (spec 6.1).
+bool names_all_tables(const Layout& layout, std::size_t tables) {
+  std::vector<bool> named(tables);
+  for (const StreamRow& row : layout.streams) {
+    for (const std::uint16_t table : row.tables) named[table] = true;
+  }
+  return std::all_of(named.begin(), named.end(), [](bool is) { return is; });
+}
+
 // That the layout has the streams of the record's content, in their order.
 bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degree,
                       std::uint32_t ordinal, std::uint64_t offset, Findings& findings) {
@@ -111,8 +120,8 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   record.checksum = in.u64();
   record.has_own = record.layout == kOwnLayout;
   if (record.has_own) {
-    if (!parse_layouts(in, record.payload_at, head.limits.max_memory - memory, record.own,
-                       findings)) {
+    if (!parse_layouts(in, record.payload_at, kMaxOwnTables, head.limits.max_memory - memory,
+                       record.own, findings)) {
       return false;
     }
     memory += record.own.tables.size() * kTableMemory;
@@ -125,6 +134,17 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   const Layout& layout = layouts[record.layout];
+  if (layout.problem != 0) {
+    findings.error(static_cast<N>(layout.problem), record.payload_at, "segment {}: {}", ordinal,
+                   layout.why);
+    return false;
+  }
+  if (record.has_own && !names_all_tables(layout, record.own.tables.size())) {
+    findings.error(N::kLayouts, record.payload_at,
+                   "segment {}: its layout does not name all of its {} tables", ordinal,
+                   record.own.tables.size());
+    return false;
+  }
   if (!check_known(layout, ordinal, record.payload_at, findings) ||
       !check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
                         findings) ||

@@ -35,7 +35,7 @@ std::vector<PartLifetime> sample_lifetimes(const Gaussians4D& set, std::span<con
   std::vector<PartLifetime> out;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     for (std::size_t i = parts[p].first; i < parts[p].last; i += stride) {
-      const Lifetime lifetime = lifetime_of(set, i, parts[p].interval);
+      const Lifetime lifetime = lifetime_of(set, i, parts[p].length());
       if (!lifetime.never) out.push_back({lifetime, p});
     }
   }
@@ -49,9 +49,9 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
   std::vector<std::uint64_t> places;
   places.reserve(sample.size());
   for (const PartLifetime& s : sample) {
-    const Interval& part = parts[s.part].interval;
-    const Place place = place_of(s.lifetime, chunk, part);
-    const Interval interval = interval_of(place.level, place.slot, chunk, part);
+    const double length = parts[s.part].length();
+    const Place place = place_of(s.lifetime, chunk, length);
+    const Interval interval = interval_of(place.level, place.slot, chunk, length);
     alive += s.lifetime.end - s.lifetime.begin;
     read += interval.end - interval.begin;
     places.push_back(std::uint64_t{s.part} << 37 | std::uint64_t(place.level + 1) << 32 |
@@ -66,28 +66,27 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
 
 }  // namespace
 
-Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, const Interval& part, bool widened) {
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened) {
   const float opacity = math::opacity_of(set.opacity_logit[i]);
   const double half = math::support_half_width(opacity * 1.000001f, set.sigma[i], set.radius[i],
                                                math::kAlphaThreshold);
   if (half < 0.0) return {0, 0, true};
   const double time = set.time[i], reach = half + (widened ? slack(time, half) : 0.0);
   const double begin = std::max(0.0, time - reach);
-  const double end = std::min(part.end - part.begin, time + reach);
+  const double end = std::min(length, time + reach);
   if (begin >= end) return {0, 0, true};
-  return {part.begin + begin, std::min(part.end, part.begin + end), false};
+  return {begin, end, false};
 }
 
-Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& part) {
-  const double length = part.end - part.begin;
+Place place_of(const Lifetime& lifetime, double chunk_ticks, double length) {
   if (lifetime.never || lifetime.end - lifetime.begin > 0.5 * length) return {};
   for (int level = 0; std::ldexp(chunk_ticks, level) < length; ++level) {
     const double half = std::ldexp(chunk_ticks, level - 1);
     double slot = std::floor(lifetime.begin / half);
     if (slot > 0.0 && slot * half > lifetime.begin) slot -= 1.0;
     const Interval interval =
-        interval_of(level, static_cast<std::uint32_t>(slot), chunk_ticks, part);
-    if (lifetime.end < interval.end || interval.end >= part.end) {
+        interval_of(level, static_cast<std::uint32_t>(slot), chunk_ticks, length);
+    if (lifetime.end < interval.end || interval.end >= length) {
       return {static_cast<std::int16_t>(level), static_cast<std::uint32_t>(slot)};
     }
   }
@@ -99,9 +98,9 @@ std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange&
   // Beginning, then the longer first; persistent before all.
   std::map<std::pair<double, int>, SegmentMembers> segments;
   for (std::uint32_t i = part.first; i < part.last; ++i) {
-    const Lifetime lifetime = lifetime_of(set, i, part.interval);
+    const Lifetime lifetime = lifetime_of(set, i, part.length());
     if (lifetime.never && !keep_never_visible) continue;
-    const Place place = place_of(lifetime, chunk_ticks, part.interval);
+    const Place place = place_of(lifetime, chunk_ticks, part.length());
     const double begin = place.level < 0 ? -1.0 : begin_of(place.level, place.slot, chunk_ticks);
     SegmentMembers& segment = segments[{begin, -place.level}];
     segment.place = place;
@@ -115,19 +114,16 @@ std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange&
 
 double ticks_of(std::span<const PartRange> parts) {
   double sum = 0.0;
-  for (const PartRange& part : parts) sum += part.interval.end - part.interval.begin;
+  for (const PartRange& part : parts) sum += part.length();
   return sum;
 }
 
 double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts) {
   const std::size_t stride = set.size() / kSample + 1;
   const std::vector<PartLifetime> sample = sample_lifetimes(set, parts, stride);
-  double longest = 1.0, last = 0.0;
-  for (const PartRange& part : parts) {
-    longest = std::max(longest, part.interval.end - part.interval.begin);
-    last = std::max(last, part.interval.end);
-  }
-  const double least = std::max(ticks_of(parts) / kMostChunks, 2.0 * last / kMostSlots);
+  double longest = 1.0;
+  for (const PartRange& part : parts) longest = std::max(longest, part.length());
+  const double least = std::max(ticks_of(parts) / kMostChunks, 2.0 * longest / kMostSlots);
   std::vector<double> chunks;
   for (double chunk = 1.0; chunks.empty() || chunks.back() < longest; chunk *= 2.0) {
     if (chunk >= least) chunks.push_back(chunk);

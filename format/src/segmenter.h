@@ -11,15 +11,15 @@
 
 namespace stgs {
 
-// When a primitive can be seen within its part, ticks of the timeline; `never` where it cannot.
+// When a primitive can be seen within its part, ticks from the part's beginning; `never` where it
+// cannot.
 struct Lifetime {
   double begin = 0, end = 0;
   bool never = false;
 };
-// Of primitive i of a set, whose time counts from the part's beginning. `widened`: so that rounding
-// in a renderer cannot step out of it.
-Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, const Interval& part,
-                     bool widened = true);
+// Of primitive i of a set, in a part of so many ticks. `widened`: so that rounding in a renderer
+// cannot step out of it.
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened = true);
 
 inline constexpr double kMostSlots = 4294967295.0;  // of a level (spec 5.3)
 
@@ -28,8 +28,8 @@ struct Place {
   std::uint32_t slot = 0;
   bool operator==(const Place&) const = default;
 };
-// Of a lifetime that lies in the part.
-Place place_of(const Lifetime& lifetime, double chunk_ticks, const Interval& part);
+// Of a lifetime that lies in a part of so many ticks.
+Place place_of(const Lifetime& lifetime, double chunk_ticks, double length);
 
 // Primitives that share a place, ascending.
 struct SegmentMembers {
@@ -40,6 +40,8 @@ struct SegmentMembers {
 struct PartRange {
   std::uint32_t first = 0, last = 0;
   Interval interval;
+  std::optional<Moments> cut = {};  // see ScenePart
+  double length() const { return interval.end - interval.begin; }
 };
 // Every primitive of the part exactly once, segments in file order (spec 5.6). Those that are never
 // visible are persistent, or left out.

@@ -27,6 +27,7 @@ const char* zstd_frame_problem(std::span<const std::uint8_t> stored, std::uint64
   const std::uint8_t descriptor = in.u8();
   const bool single_segment = (descriptor & 0x20) != 0;
   if ((descriptor & 0x08) != 0) return "a reserved bit of its frame is set";
+  if ((descriptor & 0x04) != 0) return "its frame has a checksum of its own";
   std::uint64_t window = 0;
   if (!single_segment) {
     const std::uint8_t code = in.u8();
@@ -42,7 +43,7 @@ const char* zstd_frame_problem(std::span<const std::uint8_t> stored, std::uint64
   if (!in.ok()) return "its frame is cut off";
   if (content != size) return "its frame has another size than its planes";
   if (window > std::max(kMostWindow, content)) return "its frame needs too large a window";
-  if (content / kMostZstdExpansion > stored.size()) return "its frame cannot hold its content";
+  if (content > kMostZstdExpansion * stored.size()) return "its frame cannot hold its content";
   return nullptr;
 }
 

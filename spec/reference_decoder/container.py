@@ -8,6 +8,7 @@ import layouts
 from fields import Fields, Refused, checksum, need
 
 HEADER, RECORD = 40, 32
+CRITICAL = (b"META", b"LAYT", b"INDX", b"FRAG", b"SEGM")  # 3.2
 
 
 @dataclass
@@ -32,8 +33,7 @@ class Tier:
     base: Record
     harmonics: Record = None
     part: tuple = None       # its part's begin and end
-    start: float = 0.0       # where its interval begins before the part cuts it (5.4), ticks of the
-                             # part; 0: persistent
+    start: float = 0.0       # where its interval begins (5.4), from its part's beginning on
 
 
 @dataclass
@@ -61,11 +61,10 @@ def read_header(data):
     file_bytes, head_bytes = fields.u64(), fields.u64()
     need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
     need(major == 0, "2.5", f"major version {major}", unsupported=True)
-    need(minor >= 5, "2.5", f"minor version {minor}", unsupported=True)
+    need(minor >= 6, "2.5", f"minor version {minor}", unsupported=True)
     need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
     growing = flags & 1 == 1
     need(file_bytes == 0 or not growing, "2.6", "a growing file that states its size")
-    need(len(data) <= file_bytes or growing, "2.6", f"{len(data)} bytes, not {file_bytes}")
     need(growing or HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
     need(head_bytes >= HEADER, "2.3", f"a head of {head_bytes} bytes")
     need(head_bytes <= len(data), "2.6", "shorter than its head")
@@ -89,8 +88,22 @@ def known(tag, flags, tags):
     if tag in tags and flags == 1:
         return True
     need(flags & 1 == 0, "3.4", f"critical record {tag}, flags {flags}", unsupported=True)
-    need(tag not in tags or flags != 0, "3.2", f"record {tag} is not marked critical")
+    need(tag not in CRITICAL or flags != 0, "3.2", f"record {tag} is not marked critical")
     return False
+
+
+def read_aside(file, tag, payload, payload_sum, have):
+    """WNDW or PRIV: what is wrong with it is told, and it is ignored (3.4)."""
+    try:
+        need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
+        need(tag not in have, "2.3", f"a second {tag}")
+        if tag == b"PRIV":
+            read_private_names(payload)
+        else:
+            read_window(payload)
+        have[tag] = payload
+    except Refused as error:
+        file.damage.append(error)
 
 
 def read_head(file, limits):
@@ -100,7 +113,10 @@ def read_head(file, limits):
         tag, flags, payload, payload_sum = record_at(file.data, at, file.head_bytes)
         at += RECORD + len(payload)
         tags = (b"META", b"LAYT") if file.growing else (b"META", b"LAYT", b"INDX")
-        if not (tag in (b"WNDW", b"PRIV") and flags == 0) and not known(tag, flags, tags):
+        if tag in (b"WNDW", b"PRIV") and flags == 0:
+            read_aside(file, tag, payload, payload_sum, have)
+            continue
+        if not known(tag, flags, tags):
             continue
         need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
         need(tag not in have, "2.3", f"a second {tag}")
@@ -113,13 +129,13 @@ def read_head(file, limits):
         file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"), limits.max_memory)
     if file.growing:
         read_fragments(file)
-    if b"PRIV" in have:
-        read_private_names(have[b"PRIV"])
     if b"WNDW" in have:
-        read_window(file, have[b"WNDW"])
+        first, whole = read_window(have[b"WNDW"])
+        if first + file.frames > whole:
+            file.damage.append(Refused("4.5", "the window does not lie in its capture"))
     if not file.growing:
-        if len(file.data) < file.end:
-            file.damage.append(Refused("2.6", f"truncated: {len(file.data)} bytes, not {file.end}"))
+        if len(file.data) != file.end:
+            file.damage.append(Refused("2.6", f"{len(file.data)} bytes, not {file.end}"))
         read_index(file, Fields(have[b"INDX"], "5.2"), file.head_bytes)
     check_limits(file, limits)
 
@@ -127,8 +143,7 @@ def read_head(file, limits):
 def read_meta(file, payload):  # 4.2, 4.3
     fields = Fields(payload, "4.2")
     numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
-    fields.u8()  # the unit: it only informs, as the profile does
-    conventions = [fields.u8() for _ in range(3)]
+    kernel, axes, colour, harmonics = (fields.u8() for _ in range(4))
     file.profile = fields.u16()
     file.degree = fields.u16()
     background = [fields.f32() for _ in range(3)]
@@ -139,12 +154,16 @@ def read_meta(file, payload):  # 4.2, 4.3
     lens = [fields.f32() for _ in range(4)]
     fields.text()
     fields.text()
-    need(conventions == [0, 0, 0], "4.2", "a convention that is not known", unsupported=True)
+    metres, up, floor = fields.f32(), [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
+    need(axes == 0 and all(v == 0 or v >= 128 for v in (kernel, colour, harmonics)), "4.2",
+         "a convention that is not known", unsupported=True)
     need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
     need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}", unsupported=True)
     need(all(map(math.isfinite, background + least + greatest + [near])) and near >= 0, "4.3",
          "a number that is not finite, or a near plane below 0")
     need(all(a <= b for a, b in zip(least, greatest)), "4.3", "bounds the wrong way round")
+    need(all(map(math.isfinite, up + floor + [metres])) and metres >= 0, "4.3", "the unit or the floor")
+    need(not any(up) or abs(math.hypot(*up) - 1) <= 0.001, "4.3", "an up vector of another length")
     if (width, height) == (0, 0):
         return  # no start camera
     need(1 <= width <= 32768 and 1 <= height <= 32768, "4.3", "the start camera's size")
@@ -172,12 +191,12 @@ def read_private_names(payload):  # 3.5: a decoder that knows none need not keep
             need(False, "3.5", "a name that is not UTF-8")
 
 
-def read_window(file, payload):  # 4.5
+def read_window(payload):  # 4.5
     fields = Fields(payload, "4.5")
     first, whole = fields.u32(), fields.u32()
     fields.u64()
     fields.u64()
-    need(first + file.frames <= whole, "4.5", "the window does not lie in its capture")
+    return first, whole
 
 
 class Fragment:
@@ -245,11 +264,12 @@ def read_fragments(file):  # 5.12
     if last is None:
         return
     file.end = last.end
-    need(last.flags & ~1 == 0, "5.12", f"a fragment's flags {last.flags}", unsupported=True)
+    need(last.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {last.flags}", unsupported=True)
     need(last.frames > 0, "5.12", "a file of no frames")
     need(all(map(math.isfinite, last.bounds)) and all(map(le, last.bounds[:3], last.bounds[3:])),
          "4.3", "the bounds")
-    need(last.flags == 0 or file.end == len(file.data), "5.12", "bytes after a closed fragment")
+    if last.flags & 1 == 1 and file.end < len(file.data):
+        file.damage.append(Refused("5.12", "bytes after a closed fragment"))
     file.frames = last.frames
     chain = [last]
     while chain[0].previous != 0:
@@ -264,8 +284,8 @@ def read_fragments(file):  # 5.12
                 break
         chain.insert(0, found)
     for found in chain:
-        need(found.flags & ~1 == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
-        need(found.flags == 0 or found is last, "5.12", "a fragment follows a closed one")
+        need(found.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
+        need(found.flags & 1 == 0 or found is last, "5.12", "a fragment follows a closed one")
         read_index(file, found.index, found.previous or file.head_bytes, found.at)
 
 
@@ -309,19 +329,24 @@ def count_of(fields, clause):
 
 def read_part(file, fields, chunk, at, body_end):  # 5.3
     begin, end = fields.f64(), fields.f64()
-    need(0 <= begin < end <= file.frames, "5.3", f"a part of [{begin}, {end})")
-    at += fields.number()
+    skip = fields.number()
+    first, last = (fields.f64(), fields.f64()) if skip % 2 == 1 else (max(begin, 0.0), end)
+    for moment in (begin, end, first, last):
+        need(abs(moment) <= 2.0 ** 32 and math.fmod(moment, 2.0 ** -20) == 0, "5.3", f"moment {moment}")
+    need(begin < end, "5.3", f"a part of [{begin}, {end})")
+    need(skip % 2 == 0 or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
+    at += skip // 2
     need(at <= body_end, "5.3", "a skip beyond the body")
     last_slot, last_order = {}, None
     for _ in range(count_of(fields, "5.3")):
         place, shape = fields.number(), fields.number()
-        level, tiers, more, apart = place % 32 - 1, shape // 4 + 1, shape // 2 % 2, shape % 2
+        level, tiers, more, apart = place % 32 - 1, shape // 4, shape // 2 % 2, shape % 2
         slot = place // 32 + (last_slot[level] + 1 if level in last_slot else 0)
         last_slot[level] = slot
         need(slot < 1 << 32 and (level >= 0 or slot == 0), "5.3", f"slot {slot} of level {level}")
-        need(tiers <= 256, "5.3", f"{tiers} tiers")
-        start, stop = interval(level, slot, chunk, begin, end)
-        need(max(start, begin) < min(stop, end), "5.4", "a segment outside its part")
+        need(tiers <= 256 and (tiers > 0 or (more, apart) == (1, 0)), "5.3", f"{tiers} tiers")
+        start, stop = interval(level, slot, chunk, end - begin)
+        need(start < stop, "5.4", "a segment outside its part")
         # 5.6: by beginning; of two that begin together the longer first, a persistent one before all
         order = (-math.inf, 0) if level < 0 else (start, -level)
         need(last_order is None or last_order < order, "5.6", "segments out of order")
@@ -333,7 +358,9 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             need(1 <= counts[-1] < 1 << 32, "5.3", f"{counts[-1]} primitives in a tier")
         extra = [fields.number() for _ in range(tiers)] if apart else []
         further = []
-        for _ in range(count_of(fields, "5.3") if more else 0):
+        count = count_of(fields, "5.3") if more else 0
+        need(count > 0 or not more, "5.3", "no further records")
+        for _ in range(count):
             layer = fields.number()
             need(512 <= layer <= 65535, "5.3", f"layer {layer} of a further record")
             further.append(fields.number())
@@ -346,16 +373,15 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             harmonics = records[tiers + i] if apart else None
             for r in [records[i]] + [harmonics] * apart:
                 need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
-            file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end),
-                                   0.0 if level < 0 else start - begin))
+            file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end), start))
     return at
 
 
-def interval(level, slot, chunk, begin, end):  # 5.4
+def interval(level, slot, chunk, length):  # 5.4
     if level < 0:
-        return begin, end
+        return 0.0, length
     half = math.ldexp(chunk, level - 1)
-    return slot * half, slot * half + 2 * half
+    return slot * half, min(slot * half + 2 * half, length)
 
 
 def present(file, at, size):  # 2.6

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import rans
-from fields import Fields, need
+from fields import Fields, Refused, need
 
 COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 9, 11: 15, 12: 21}  # 6.4
 NAMES = {1: "position", 2: "time", 3: "sigma", 4: "radius", 5: "velocity", 6: "log_scale",
@@ -46,26 +46,34 @@ class Layouts:
     layouts: list = field(default_factory=list)
 
 
-def read_layouts(fields, memory):  # 6.2; memory: what the tables may take
+def read_layouts(fields, memory, most=1024):  # 6.2; memory: what the tables may take
     out = Layouts()
     count = fields.u16()
-    need(count <= 1024, "6.2", f"{count} tables")
+    need(count <= most, "6.2" if most == 1024 else "6.1", f"{count} tables")
     need(16384 * count <= memory, "conformance 1.5", f"{count} tables", unsupported=True)
     out.tables = [rans.Table(fields) for _ in range(count)]
     count = fields.u16()
     need(count <= 65534, "6.2", f"{count} layouts")
     for _ in range(count):
-        out.layouts.append([read_stream(fields, len(out.tables)) for _ in range(fields.u8())])
-        group = sum(1 for s in out.layouts[-1] for t in s.tables if out.tables[t].only is None)
-        planes = sum(s.planes() for s in out.layouts[-1])
-        most = sum(4 * COMPONENTS[s.attribute] for s in out.layouts[-1] if s.known())
-        need(planes <= most, "7.3", f"{planes} planes for {most} bytes of floats")
-        need(group <= 256, "A.1", f"a group of {group} planes")
+        rows = [fields.bytes(fields.u16()) for _ in range(fields.u8())]
+        try:
+            out.layouts.append(read_layout(rows, out.tables))
+        except Refused as error:  # of the records that name it
+            out.layouts.append(error)
     return out
 
 
-def read_stream(fields, tables):  # 6.3
-    row = Fields(fields.bytes(fields.u16()), "6.3")
+def read_layout(rows, tables):  # 6.3
+    layout = [read_stream(Fields(row, "6.3"), len(tables)) for row in rows]
+    group = sum(1 for s in layout for t in s.tables if tables[t].only is None)
+    planes = sum(s.planes() for s in layout)
+    most = sum(4 * COMPONENTS[s.attribute] for s in layout if s.known())
+    need(planes <= most, "7.3", f"{planes} planes for {most} bytes of floats")
+    need(group <= 256, "A.1", f"a group of {group} planes")
+    return layout
+
+
+def read_stream(row, tables):  # 6.3
     s = Stream(row.u16(), row.u8(), row.u8(), row.u8(), row.u8())
     need(not s.optional() or s.coder != RANS, "6.5", "an optional stream that is rANS")
     if s.known():

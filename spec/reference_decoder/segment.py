@@ -61,11 +61,16 @@ def open_record(file, tier, place, content, memory):  # 6.1
     number, planes_sum = fields.u16(), fields.u64()
     layouts = file.layouts
     if number == 65535:
-        layouts, number = read_layouts(fields, memory), 0
+        layouts, number = read_layouts(fields, memory, 256), 0
         memory = take(memory, 16384 * len(layouts.tables))
         need(len(layouts.layouts) == 1, "6.1", f"{len(layouts.layouts)} layouts of its own")
     need(number < len(layouts.layouts), "6.1", f"layout {number} is not there")
     layout = layouts.layouts[number]
+    if isinstance(layout, Refused):
+        raise layout
+    if layouts is not file.layouts:
+        named = {t for s in layout for t in s.tables}
+        need(len(named) == len(layouts.tables), "6.1", "a table that no plane has")
     partial = check_attributes(layout, content, file.degree)
     for s in layout:  # 8.1
         if not s.optional():
@@ -92,7 +97,7 @@ def check_sizes(record, n):  # 7.2
         if s.optional() or s.coder == RANS or len(data) == n * s.planes():
             continue
         need(data[:4] == b"\x28\xb5\x2f\xfd", "7.2.2", "neither planes nor a frame")
-        need(len(data) > 4 and data[4] & 8 == 0, "7.2.2", "a reserved bit")
+        need(len(data) > 4 and data[4] & 12 == 0, "7.2.2", "a reserved bit, or a checksum")
         try:
             frame = zstandard.get_frame_parameters(data)
         except zstandard.ZstdError:
@@ -100,7 +105,7 @@ def check_sizes(record, n):  # 7.2
         need(frame.content_size == n * s.planes() and frame.dict_id == 0, "7.2.2",
              "a frame of another size, or with a dictionary")
         need(frame.window_size <= max(8 << 20, frame.content_size), "7.2.2", "too large a window")
-        need(frame.content_size // 32768 <= len(data), "7.2.2", "a frame cannot hold that much")
+        need(frame.content_size <= 32768 * len(data), "7.2.2", "a frame cannot hold that much")
 
 
 def unpack(data, size):  # 7.2, coder 0

@@ -14,7 +14,7 @@ using stgs::testing::random_scene;
 namespace {
 
 std::unique_ptr<SceneReader> written(std::size_t n, std::uint32_t frames, double chunk_seconds,
-                                     bool in_parts) {
+                                     bool in_parts, bool own_layouts = false) {
   Scene scene = random_scene(n, 1, frames, 4);
   if (in_parts) {
     scene.parts = {{0, 0.6 * frames, n / 2}, {0.5 * frames, double(frames), n - n / 2}};
@@ -22,6 +22,7 @@ std::unique_ptr<SceneReader> written(std::size_t n, std::uint32_t frames, double
   WriteSettings settings;
   settings.profile = Profile::kQuantised;
   settings.chunk_seconds = chunk_seconds;
+  settings.own_layouts = own_layouts;
   const auto bytes = encode_scene(scene, settings);
   REQUIRE(bytes.ok());
   auto reader = SceneReader::open(memory_source(*bytes));
@@ -79,6 +80,25 @@ TEST_CASE("what is held, and the rate, are those of the moment that has most") {
     CHECK(slack == Approx(0.0).margin(1e-9));
     CHECK(work_slack == Approx(0.0).margin(1e-9));
   }
+}
+
+TEST_CASE("the tables that records can have of their own count as work") {
+  const auto reader = written(6000, 300, 0.2, false, true);
+  const DecoderNeeds needs = decoder_needs(*reader);
+  double most = 0;
+  for (const SegmentInfo& last : reader->segments()) {
+    double work = 0;
+    for (const SegmentInfo& segment : reader->segments()) {
+      if (segment.begin_ticks <= 30.0 || segment.begin_ticks > last.begin_ticks) continue;
+      work += std::max(segment.primitives, 1000u);
+      for (const std::uint64_t bytes : {segment.bytes, segment.harmonics_bytes}) {
+        work += 64.0 * static_cast<double>(std::min<std::uint64_t>(256, bytes / 3));
+      }
+    }
+    if (last.begin_ticks > 30.0) most = std::max(most, work / (last.begin_ticks / 30.0));
+  }
+  CHECK(needs.primitives_per_second == Approx(most));
+  CHECK(most > 2 * decoder_needs(*written(6000, 300, 0.2, false)).primitives_per_second);
 }
 
 TEST_CASE("a clip of one segment asks for itself alone") {

@@ -63,7 +63,7 @@ Bytes index_of(const std::vector<std::uint64_t>& numbers, std::uint64_t primitiv
   out.varint(1);
   out.f64(0);
   out.f64(kFrames);
-  out.varint(skip);
+  out.varint(2 * skip);
   out.varint(segments);
   for (const std::uint64_t number : numbers) out.varint(number);
   return out.take();
@@ -127,7 +127,11 @@ TEST_CASE("the index's claims are checked before anything is allocated") {
   CHECK(first_issue(whole, [](FileHead& h) { h.index.segments.back().base.slot = 1000; }) == 302);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].skip = 1; }) == 304);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].skip = ~0ull; }) == 304);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].end = kFrames + 1; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].end = kFrames + 0x1p-21; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].end = 0x1p33; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {-1, 10}; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {10, 10}; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {0, kFrames + 1}; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = NAN; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames - 0.5; }) == 302);
@@ -147,9 +151,9 @@ TEST_CASE("counts that no payload could hold are refused") {
   const std::uint64_t huge = ~0ull;
   CHECK(opening(index_of({}, 0, huge), {}) == 300);
   CHECK(opening(index_of({0, huge}, 0, 1), {}) == 300);     // tiers
-  CHECK(opening(index_of({0, 4 * 256}, 0, 1), {}) == 300);  // one tier too many
-  CHECK(opening(index_of({0, 4 * 255}, 0, 1), {}) == 300);  // cut off
-  CHECK(opening(index_of({0, 2, 5, 10, huge}, 5, 1), filler(1, 10)) == 300);
+  CHECK(opening(index_of({0, 4 * 257}, 0, 1), {}) == 300);  // one tier too many
+  CHECK(opening(index_of({0, 4 * 256}, 0, 1), {}) == 300);  // cut off
+  CHECK(opening(index_of({0, 6, 5, 10, huge}, 5, 1), filler(1, 10)) == 300);
   for (const std::size_t at : {8u, 9u, 10u}) {  // primitives, totals, parts
     Bytes payload = index_of({}, 0, 0);
     ByteWriter out;
@@ -190,31 +194,35 @@ TEST_CASE("a number has one form") {
 TEST_CASE("places that there are none are refused") {
   // Place, shape, primitives, bytes: the chunk has 7.5 of 30 ticks.
   const Bytes body = filler(2, 10);
-  CHECK(opening(index_of({1, 0, 5, 10}, 5, 1), body) == 0);
-  CHECK(opening(index_of({1 + 32 * 7, 0, 5, 10}, 5, 1), body) == 0);
-  CHECK(opening(index_of({1 + 32 * 8, 0, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({32, 0, 5, 10}, 5, 1), body) == 302);  // persistent, of slot 1
-  CHECK(opening(index_of({1 + (1ull << 37), 0, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({~0ull, 0, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({0, 0, 5, 10, 0, 0, 5, 10}, 10, 2), body) == 302);  // persistent twice
-  CHECK(opening(index_of({1, 0, 5, 10, 1, 0, 5, 10}, 10, 2), body) == 0);    // slots 0 and 1
-  CHECK(opening(index_of({1, 0, 5, 10, 2, 0, 5, 10}, 10, 2), body) == 303);  // the longer first
-  CHECK(opening(index_of({2, 0, 5, 10, 1, 0, 5, 10}, 10, 2), body) == 0);
-  CHECK(opening(index_of({1, 0, 5, 10, 0, 0, 5, 10}, 10, 2), body) == 303);
-  CHECK(opening(index_of({1, 0, 5, 10}, 5, 1, 42), body) == 0);  // bytes that it does not list
-  CHECK(opening(index_of({1, 0, 5, 10}, 5, 1, 43), body) == 304);
+  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1), body) == 0);
+  CHECK(opening(index_of({1 + 32 * 7, 4, 5, 10}, 5, 1), body) == 0);
+  CHECK(opening(index_of({1 + 32 * 8, 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(opening(index_of({32, 4, 5, 10}, 5, 1), body) == 302);  // persistent, of slot 1
+  CHECK(opening(index_of({1 + (1ull << 37), 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(opening(index_of({~0ull, 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(opening(index_of({0, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 302);  // persistent twice
+  CHECK(opening(index_of({1, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);    // slots 0 and 1
+  CHECK(opening(index_of({1, 4, 5, 10, 2, 4, 5, 10}, 10, 2), body) == 303);  // the longer first
+  CHECK(opening(index_of({2, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);
+  CHECK(opening(index_of({1, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 303);
+  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1, 42), body) == 0);  // bytes that it does not list
+  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1, 43), body) == 304);
 }
 
 TEST_CASE("refinements that a version does not know are passed over") {
   const Bytes body = filler(4, 10);
   const auto with = [](std::uint64_t layer) {
-    return index_of({1, 2, 5, 10, 1, layer, 10, 1, 0, 6, 10}, 11, 2);
+    return index_of({1, 6, 5, 10, 1, layer, 10, 1, 4, 6, 10}, 11, 2);
   };
   CHECK(opening(with(512), body) == 0);
   CHECK(opening(with(0xFFFF), body) == 0);
   CHECK(opening(with(0x10000), body) == 303);
   CHECK(opening(with(511), body) == 303);
-  CHECK(opening(index_of({1, 2, 5, 10, 1, 512, 103}, 5, 1), body) == 304);
+  CHECK(opening(index_of({1, 6, 5, 10, 1, 512, 103}, 5, 1), body) == 304);
+  CHECK(opening(index_of({1, 2, 1, 512, 10, 1, 4, 6, 10}, 6, 2), body) == 0);  // no tiers
+  CHECK(opening(index_of({1, 3, 10, 1, 512, 10}, 0, 1), body) == 300);
+  CHECK(opening(index_of({1, 0}, 0, 1), body) == 300);
+  CHECK(opening(index_of({1, 2, 0}, 0, 1), body) == 300);
   const auto reader = SceneReader::open(memory_source(file_with_index(with(512), body)));
   REQUIRE(reader.ok());
   REQUIRE((*reader)->segments().size() == 2);

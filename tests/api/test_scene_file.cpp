@@ -44,7 +44,10 @@ TEST_CASE("the lossless profile gives back every bit of every primitive") {
 TEST_CASE("a file says what it is") {
   Scene scene = random_scene(100, 1, 90, 3);
   scene.metadata.time_base = {1001, 30000};
-  scene.metadata.metric = true;
+  scene.metadata.metres_per_unit = 0.25f;
+  scene.metadata.up[1] = -1;
+  scene.metadata.floor[1] = 1.5f;
+  scene.metadata.colour = 200;
   scene.metadata.background[1] = 0.5f;
   scene.metadata.title = "Tanz, Saal 3 \xE2\x80\x94 Probe";
   StartCamera camera;
@@ -61,7 +64,10 @@ TEST_CASE("a file says what it is") {
   const SceneMetadata& metadata = (*reader)->metadata();
   CHECK(metadata.time_base == TimeBase{1001, 30000});
   CHECK(metadata.frames == 90);
-  CHECK(metadata.metric);
+  CHECK(metadata.metres_per_unit == 0.25f);
+  CHECK(metadata.up[1] == -1.0f);
+  CHECK(metadata.floor[1] == 1.5f);
+  CHECK(metadata.colour == 200);
   CHECK(metadata.background[1] == 0.5f);
   CHECK(metadata.near_plane == 0.1f);
   CHECK(metadata.title == scene.metadata.title);

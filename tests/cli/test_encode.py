@@ -38,6 +38,21 @@ class Packing(CliTest):
         self.assertLess(low["bytes_out"], high["bytes_out"])
         self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
 
+    def test_pack_says_what_the_space_is(self):
+        tiny = self.fixture("tiny.stgs")
+        self.assertIsNone(self.json_of("info", tiny)["metres_per_unit"])
+        self.succeeds("pack", tiny, "-o", "out.stgs", "--metres-per-unit", "0.25", "--up", "0,-3,4",
+                      "--floor", "0,1.5,0")
+        info = self.json_of("info", "out.stgs")
+        self.assertEqual(info["metres_per_unit"], 0.25)
+        for value, wanted in zip(info["up"] + info["floor"], (0, -0.6, 0.8, 0, 1.5, 0)):
+            self.assertAlmostEqual(value, wanted, 6)
+        self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
+        self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
+        self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
+        self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
+        self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
+
     def test_pack_to_a_rate_and_an_error(self):
         tiny = self.fixture("tiny.stgs")
         free = self.json_of("pack", tiny, "-o", "free.stgs")

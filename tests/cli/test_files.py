@@ -137,9 +137,7 @@ class DamagedScenes(CliTest):
              self.write("magic.stgs", flipped(self.good, 1))),
             (INVALID, "meta.stgs: record 'META' is damaged",
              self.write("meta.stgs", flipped(self.good, 80))),
-            (INVALID, "long.stgs: the file has bytes after its end",
-             self.write("long.stgs", self.good + b"more")),
-            (UNSUPPORTED, "newer_major.stgs.*format version 1.5",
+            (UNSUPPORTED, "newer_major.stgs.*format version 1.6",
              self.fixture("newer_major.stgs")),
             (INVALID, "huge_count.stgs.*claims 4294967295 primitives",
              self.fixture("huge_count.stgs")),
@@ -158,6 +156,15 @@ class DamagedScenes(CliTest):
                 with self.subTest(verb=verb, path=path):
                     self.fails(code, message, *line(path))
         self.assertFalse(os.path.exists(self.path("out.png")))
+
+    def test_bytes_behind_the_end_are_told_and_passed_over(self):
+        path = self.write("long.stgs", self.good + b"more")
+        self.assertEqual([d["number"] for d in self.json_of("info", path)["damage"]], [106])
+        self.assertIn("bytes after its end", self.succeeds("info", path).stdout.decode())
+        self.succeeds("compare", path, self.fixture("tiny.stgs"))
+        run = self.succeeds("render", path, "--time", "0", "-o", "null")
+        self.assertIn("bytes after its end", run.stderr.decode())
+        self.fails(INVALID, "1 error", "validate", path)
 
     def test_damage_in_a_segment_is_found_where_it_is(self):
         """The head is whole, so info works; render passes over it, evaluate does not."""

@@ -36,6 +36,7 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
   const auto reader = SceneReader::open(path, limits);
   if (!reader.ok()) return out + refusal("", reader.status());
   for (const Issue& issue : (*reader)->damage()) {
+    if (!issue.error) continue;  // what is only told
     out += refusal("damage ", invalid_file("{} (issue {})", issue.message, issue.number));
   }
   for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {

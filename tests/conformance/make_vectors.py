@@ -52,6 +52,8 @@ def main():
                  "file": f"{checksum(v.data):016x}"}
         if v.reported:
             entry["reported"] = v.reported
+        if v.may:
+            entry["readers"] = "may decode it"
         if v.limits:
             entry["limits"] = v.limits
         decoded = "".join(line + "\n" for line in lines if "refused" not in line)
@@ -63,7 +65,7 @@ def main():
             print(f"{v.name}, {v.clause}: {lines}")
         entries.append(entry)
     with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
-        json.dump({"format": "0.5", "vectors": entries}, file, indent=1)
+        json.dump({"format": "0.6", "vectors": entries}, file, indent=1)
         file.write("\n")
     print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
           f"{sum(len(v.data) for v in VECTORS)} bytes")

@@ -50,6 +50,9 @@ class Meta:  # 4.2
     rotation: tuple = (1, 0, 0, 0, 1, 0, 0, 0, 1)
     lens: tuple = (0, 0, 0, 0)
     generator: object = "vectors"
+    metres: float = 0.0
+    up: tuple = (0.0, 0.0, 0.0)
+    floor: tuple = (0.0, 0.0, 0.0)
     extra: bytes = b""
 
     def payload(self):
@@ -57,7 +60,8 @@ class Meta:  # 4.2
                             self.degree) +
                 struct.pack("<3f3f3ff", 0, 0, 0, *self.least, *self.greatest, self.near) +
                 struct.pack("<2I9f3f4f", *self.size, *self.rotation, 0, 0, 0, *self.lens) +
-                text(self.generator) + text("") + self.extra)
+                text(self.generator) + text("") +
+                struct.pack("<7f", self.metres, *self.up, *self.floor) + self.extra)
 
 
 # Annex A
@@ -148,7 +152,7 @@ class Stream:
     digits: list = None          # instead of the digits of v: planes
     m: int = 1
     later: bytes = b""           # behind the fields of the row
-    length: int = None           # of the row, that it states
+    length: int = None           # of the row, if it is to be cut or to state more
 
     def planes(self):
         if self.digits is not None:
@@ -169,7 +173,7 @@ class Stream:
         if self.coder == RANS:
             out += struct.pack(f"<{len(self.tables)}H", *self.tables)
         out += self.later
-        return struct.pack("<H", len(out) if self.length is None else self.length) + out
+        return struct.pack("<H", len(out) if self.length is None else self.length) + out[:self.length]
 
 
 def layouts_payload(tables, layouts):  # 6.2
@@ -259,7 +263,7 @@ class Segment:  # 5.3
         place = 32 * delta + self.level + 1 if self.raw_place is None else self.raw_place
         sizes = [len(p) for p in self.payloads()]
         out = number(place)
-        out += number(4 * (len(self.tiers) - 1) + 2 * bool(self.further) + bool(self.harmonics))
+        out += number(4 * len(self.tiers) + 2 * bool(self.further) + bool(self.harmonics))
         counts = self.counts or [b.n for b in self.tiers]
         for n, size in zip(counts, sizes):
             out += number(n) + number(size)
@@ -281,6 +285,7 @@ class Part:
     before: bytes = b""     # records between the part before and this one
     after: bytes = b""      # records behind this part's
     skip: int = None        # what the index says instead of their size
+    cut: tuple = None       # what of it is shown
 
 
 @dataclass
@@ -293,7 +298,7 @@ class File:
     total: int = None
     index_extra: bytes = b""
     major: int = 0
-    minor: int = 5
+    minor: int = 6
     flags: int = 0
     head_first: bytes = b""           # records of the head, before META and after INDX
     head_last: bytes = b""
@@ -313,7 +318,8 @@ class File:
         out += number(len(self.parts))
         for p in self.parts:
             skip = len(p.before) if p.skip is None else p.skip
-            out += struct.pack("<dd", p.begin, p.end) + number(skip) + number(len(p.segments))
+            out += struct.pack("<dd", p.begin, p.end) + number(2 * skip + bool(p.cut))
+            out += (struct.pack("<dd", *p.cut) if p.cut else b"") + number(len(p.segments))
             last_slots = {}
             out += b"".join(s.row(last_slots) for s in p.segments)
         return out + self.index_extra

@@ -18,15 +18,18 @@ class Vector:
     limits: dict    # of the reader, where they are not the default ones
     fails: bool
     reported: list  # issues of a validator, where readers do not see what is wrong
+    may: bool       # a reader may decode what a validator must refuse
 
 
-def vector(name, clause, about, file, limits=None, fails=False, reported=()):
+def vector(name, clause, about, file, limits=None, fails=False, reported=(),
+           may=False):
     data = file if isinstance(file, bytes) else file.bytes()
-    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails, list(reported)))
+    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails, list(reported),
+                          may))
 
 
-def must_fail(name, clause, about, file, limits=None):
-    vector(name, clause, about, file, limits, True)
+def must_fail(name, clause, about, file, limits=None, may=False):
+    vector(name, clause, about, file, limits, True, may=may)
 
 
 def plain(n=3, degree=0, seed=1, **more):

@@ -88,8 +88,9 @@ def give_tables(records, tables):
             s.tables = numbers
 
 
-def own_body(streams, n, **more):
-    """A record with its own layout and tables."""
+def own_body(streams, n, more_tables=0, **more):
+    """A record with its own layout and tables, and some that no plane has."""
     tables = []
     give_tables([streams], tables)
+    tables += [{0: 1 + i, 1: 4095 - i} for i in range(more_tables)]
     return Body(streams, n, tables=tables, **more)

@@ -47,7 +47,25 @@ def broken_rules():
     must_fail("slot_beyond_32_bits", "5.3", "slot 2^32", File(
         [Part([one(0, 0, raw_place=32 * (1 << 32) + 1)])], Meta(profile=0)))
     must_fail("tiers_257", "5.3", "257 tiers", plain(index=struct.pack("<d", 5.0) + b"\1\0\1" +
-              struct.pack("<dd", 0, 30) + b"\0\1\0" + b"\x80\x08" + b"\1\1" * 257))
+              struct.pack("<dd", 0, 30) + b"\0\1\0" + b"\x84\x08" + b"\1\1" * 257))
+    for name, about, shape in (("segment_of_nothing", "no tiers and no further records", b"\0"),
+                               ("harmonics_of_nothing", "no tiers, harmonics apart", b"\3"),
+                               ("no_further_records", "a count of 0 of them", b"\2\0")):
+        must_fail(name, "5.3", about, plain(index=struct.pack("<d", 5.0) + b"\0\0\1" +
+                  struct.pack("<dd", 0, 30) + b"\0\1\0" + shape))
+    for name, about, part in (
+            ("part_cut_backwards", "shown from 20 to 10", dict(cut=(20, 10))),
+            ("part_cut_outside", "shown up to a moment after its end", dict(cut=(0, 31))),
+            ("part_cut_before_the_timeline", "shown from -1 on", dict(begin=-2, cut=(-1, 30))),
+            ("part_moment", "a beginning of 2^-21 ticks", dict(begin=2.0 ** -21)),
+            ("part_far", "an end beyond 2^32", dict(end=2.0 ** 33))):
+        must_fail(name, "5.3", about, File([Part([one(-1, 0)], **part)], Meta(profile=0)))
+    for tag in (b"SEGM", b"FRAG"):
+        must_fail(f"{tag.decode().lower()}_in_the_head", "3.2", "with flags 0",
+                  plain(head_last=record(tag, bytes(12), 0)))
+    must_fail("up_of_length_2", "4.3", "an up vector of length 2",
+              plain(meta=Meta(profile=0, up=(0, 2, 0))))
+    must_fail("metres_below_0", "4.3", "a unit of -1 m", plain(meta=Meta(profile=0, metres=-1)))
     must_fail("further_record_of_content_1", "5.3", "layer 256 among the further records",
               File([Part([one(-1, 0, further=[(256, b"")])])], Meta(profile=0)))
     must_fail("tables_1025", "6.2", "1025 tables",
@@ -89,7 +107,7 @@ def broken_header():
     must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
     must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
     must_fail("major_version", "2.5", "major version 1", plain(major=1))
-    must_fail("minor_version", "2.5", "minor version 4, an experiment", plain(minor=4))
+    must_fail("minor_version", "2.5", "minor version 5, an experiment", plain(minor=5))
     must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
     must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
     must_fail("truncated_head", "2.6", "the last byte of the head is missing",
@@ -158,7 +176,7 @@ def broken_index():
     must_fail("longer_one_second", "5.6", "of two that begin together the shorter first",
            of([one(0, 0), one(1, 0)]))
     must_fail("outside_the_timeline", "5.4", "a slot beyond the end", of([one(0, 12)]))
-    must_fail("outside_its_part", "5.4", "a slot before its part", of([one(0, 0)], begin=10.0))
+    must_fail("outside_its_part", "5.4", "a slot behind its part", of([one(0, 8)], begin=10.0))
     must_fail("part_inverted", "5.3", "a part that ends before it begins", of([one(-1, 0)], begin=30.0,
                                                                         end=29.0))
     must_fail("persistent_slot", "5.3", "slot 1 of level -1", of([one(-1, 0, raw_place=32)]))

@@ -4,7 +4,7 @@ import struct
 
 from vector_file import (RANS, Body, File, Meta, Part, Patched, Segment, Stream, bits_of, group,
                          record, table_bytes, zstd_frame)
-from vector_list import apart, changed, framed, must_fail, plain, replaced, with_byte
+from vector_list import apart, changed, framed, must_fail, plain, replaced, vector, with_byte
 from vector_scenes import float_streams, own_body
 
 
@@ -31,7 +31,21 @@ def broken_segment():
     must_fail("bytes_after_the_streams", "6.1", "one byte more",
            plain(body=Body(streams, 3, after=b"\0")))
     must_fail("planes_checksum", "6.1", "a wrong checksum of the planes",
-           plain(body=Body(streams, 3, planes_sum=0)))
+              plain(body=Body(streams, 3, planes_sum=0)), may=True)
+    bad, good = Stream(1, 0, 0, [[0]] * 3, m=2), float_streams(3, 0, 1)
+    layt = struct.pack("<HH", 0, 2) + b"\1" + bad.row() + b"\x09" + b"".join(s.row() for s in good)
+    bodies = [Body(float_streams(3, 0, 1, 5 * i, 5), 3, layout=i) for i in (0, 1)]
+    both = [Segment(0, 2 * i, [body]) for i, body in enumerate(bodies)]
+    must_fail("bad_layout", "7.5.1", "a row with m = 2 in one of two layouts: of two records one is decoded",
+              File([Part(both)], Meta(profile=0), layouts=layt))
+    vector("bad_layout_unused", "7.5.1", "a row with m = 2 in a layout that no record has",
+           File([Part(both[1:])], Meta(profile=0), layouts=layt), reported=[404])
+    coded = float_streams(3, 0, 1)
+    coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
+    must_fail("own_table_unnamed", "6.1", "a table of a record that no plane has",
+              plain(body=own_body(coded, 3, more_tables=1)))
+    must_fail("own_tables_257", "6.1", "257 tables in a record",
+              plain(body=own_body(coded, 3, more_tables=256)))
     must_fail("attribute_missing", "6.4", "no radius",
            plain(body=Body(streams[:3] + streams[4:], 3)))
     must_fail("attributes_out_of_order", "6.4", "time before position",
@@ -128,7 +142,9 @@ def broken_streams():
             ("zstd_dictionary", "7.2.2", "a frame that needs dictionary 1",
              framed(b"123456789012", dictionary=1)),
             ("zstd_reserved_bit", "7.2.2", "a reserved bit in a frame's header",
-             framed(b"123456789012", reserved=8))):
+             framed(b"123456789012", reserved=8)),
+            ("zstd_checksum", "7.2.2", "a frame with a checksum of its own",
+             framed(b"123456789012", reserved=4) + b"\0\0\0\0")):
         must_fail(name, clause, about, changed(8, stored=stored))
     must_fail("zstd_size", "7.2.2", "a frame that states another size", changed(
         8, stored=zstd_frame(b"1234567", size=13)))

@@ -13,8 +13,11 @@ def sound_container():
                   tail=note + record(b"SEGM", b"????????", 2), index_extra=b"later",
                   meta=Meta(profile=0, degree=1, extra=b"later"))
     vector("newer_minor", "2.5", "minor version 9, unknown flags, records and fields", later)
-    vector("newer_profile", "4.2", "profile 9 and unit 7, which only inform",
-           plain(meta=Meta(profile=9, conventions=(7, 0, 0, 0))))
+    vector("newer_profile", "4.2", "profile 9, which only informs", plain(meta=Meta(profile=9)))
+    vector("shown_as_0", "4.2", "a kernel, colour and harmonics that may be shown as 0",
+           plain(meta=Meta(profile=0, conventions=(128, 0, 200, 255))))
+    vector("metres_and_up", "4.3", "how long a unit is, what is up, where the floor is",
+           plain(meta=Meta(profile=0, metres=0.25, up=(0.0, -0.6, 0.8), floor=(0.0, 1.5, 0.0))))
     seen = Meta(profile=0, size=(640, 480), lens=(500.0, 500.0, 320.0, 240.0),
                 rotation=(0, 0, 1, 0, 1, 0, -1, 0, 0))
     vector("start_camera", "4.3", "a start camera", plain(meta=seen))
@@ -24,13 +27,34 @@ def sound_container():
         tail=note + record(b"IMPO", struct.pack("<3f", 0.5, 0, 3), 0)))
     parts = [Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 0, 15), 2)])], 0, 14.5),
              Part([Segment(-1, 0, [own_body(coded_streams(3, 0, 3, moment=False), 3)]),
-                   Segment(0, 6, [own_body(coded_streams(2, 0, 4), 2)])], 14.5, 30, note)]
+                   Segment(0, 0, [own_body(coded_streams(2, 0, 4), 2)])], 14.5, 30, note)]
     vector("parts", "5.10", "two parts, a record between them", File(parts, Meta()))
     far = 1 << 20
     late = [Segment(-1, 0, [own_body(coded_streams(3, 0, 3), 3)]),
-            Segment(0, 2 * far // 5 + 1, [own_body(coded_streams(2, 0, 4), 2)])]
+            Segment(0, 11, [own_body(coded_streams(2, 0, 4), 2)])]
     vector("late_part", "7.5.8", "mapping 7 in a part from tick 2^20 on, which cuts its segment",
            File([Part(late, far, far + 30)], Meta(frames=far + 30)))
+    shown = [Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 0, 20), 2)])], -5, 15.5, cut=(0, 12.25)),
+             Part([Segment(0, 3, [own_body(coded_streams(2, 0, 4), 2)])], 2.5, 1000, cut=(12.25, 40))]
+    vector("parts_cut", "5.10", "parts that begin before the timeline or end after it, each shown in part",
+           File(shown, Meta()))
+    alone = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
+             Segment(0, 2, [], further=[(200 << 8, place(200 << 8, 0, 2) + struct.pack("<dd", 5, 9.5) +
+                                         text("audio/opus") + b"sound")])]
+    sounds = private((2, 200, "org.example.sound"))
+    vector("timed_data_alone", "5.13", "a segment of no primitives",
+           File([Part(alone)], Meta(profile=0), head_last=sounds))
+    for name, about, first, last in (("timed_data_early", "it begins before its segment", 4.5, 9),
+                                     ("timed_data_late", "it ends after its segment", 5, 10.5),
+                                     ("timed_data_backwards", "it ends before it begins", 8, 7)):
+        payload = place(200 << 8, 0, 2) + struct.pack("<dd", first, last) + text("audio/opus")
+        wrong = Segment(0, 2, [], further=[(200 << 8, payload)])
+        vector(name, "5.13", about, File([Part([wrong])], Meta(profile=0), head_last=sounds),
+               reported=[315])
+    wrong = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)],
+                    further=[(513, place(513)), (512, place(512))])
+    vector("further_records_out_of_order", "5.13", "layer 513 before layer 512",
+           File([Part([wrong])], Meta(profile=0)), reported=[303])
     further = Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)],
                       further=[(512, place(512) + b"new"), (0xBF07, place(0xBF07))])
     vector("further_records", "5.7", "contents 2 and 191, ignored", File([Part([further])], Meta(

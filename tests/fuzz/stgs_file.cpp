@@ -84,7 +84,7 @@ class SegmentForm {
     in_.u64();
     Findings findings;
     if (number == kOwnLayout) {
-      if (!parse_layouts(in_, 0, kTablesMemory, own_, findings)) return;
+      if (!parse_layouts(in_, 0, kMaxOwnTables, kTablesMemory, own_, findings)) return;
       number = 0;
       set_ = &own_;
     } else {
@@ -168,7 +168,7 @@ LayoutSet layouts_of(View file, const std::vector<Record>& records) {
     ByteReader in(record.payload(file));
     Findings findings;
     LayoutSet parsed;
-    if (parse_layouts(in, 0, kTablesMemory, parsed, findings)) set = std::move(parsed);
+    if (parse_layouts(in, 0, kMaxTables, kTablesMemory, parsed, findings)) set = std::move(parsed);
   }
   return set;
 }
@@ -284,7 +284,7 @@ std::vector<Bytes> stgs_seeds() {
                             encoded(testing::random_scene(12, 1, 30, 21), quantised),
                             encoded(testing::random_scene(60, 3, 30, 22), quantised)};
   Scene parts = testing::random_scene(20, 0, 40, 23);
-  parts.parts = {{0, 19.5, 11}, {19.5, 40, 9}};
+  parts.parts = {{-2, 19.5, 11, Moments{0, 19}}, {19.5, 50, 9}};
   parts.importance.assign(20, 0.5f);
   parts.metadata.window = CaptureWindow{5, 100, 1, 2};
   parts.metadata.start_camera.emplace();

@@ -13,18 +13,18 @@ namespace {
 void look_at(const SceneReader& reader) {
   const double frames = reader.metadata().frames;
   std::uint64_t primitives = 0;
+  std::size_t shown = 0;
   for (const SegmentInfo& segment : reader.segments()) {
     primitives += segment.primitives;
-    require(segment.begin_ticks >= 0 && segment.begin_ticks < segment.end_ticks &&
-                segment.end_ticks <= frames,
-            "a segment lies within the timeline");
+    shown += segment.shown() && segment.begin_ticks <= frames ? 1 : 0;
+    require(segment.begin_ticks >= 0 && segment.end_ticks <= 0x1p32, "a segment is of moments");
     require(segment.offset + segment.bytes <= reader.file_bytes(), "a segment lies in the file");
     require(segment.part < reader.parts().size(), "a segment is of a part that there is");
   }
   require(primitives == reader.primitives(), "the segments have all the primitives");
   require(primitives <= kStgsLimits.max_primitives, "the limit of primitives holds");
-  require(reader.segments_between(0, frames).size() == reader.segments().size(),
-          "all segments lie between the ends");
+  require(reader.segments_between(0, frames).size() == shown,
+          "what is shown lies between the ends");
   (void)reader.segments_between(frames / 2, frames / 2);
   (void)reader.streams();
   const auto importance = reader.importance();

@@ -205,7 +205,7 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
     return backend->read()->back().loss;
   };
   loss();
-  const std::array<Moments, kAttributes> moments = state.moments;
+  const std::array<encoder::Moments, kAttributes> moments = state.moments;
   for (int a : {kLogScale, kRotation, kVelocity, kLogSigma, kPosition, kTime}) {
     const std::vector<float> tenth = moments[a].first;
     double dot = 0, own = 0, other = 0;

@@ -211,7 +211,7 @@ class Convert final : public Command {
       lose("the background's colour");
     }
     if (!m.title.empty()) lose("the title");
-    if (m.metric) lose("that units are metres");
+    if (m.metres_per_unit > 0) lose("how many metres a unit is");
     if (!lost.empty())
       work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }

@@ -13,6 +13,8 @@
 namespace stgs::tools {
 namespace {
 
+constexpr int kFileSize = 106;  // issue number, spec/conformance.md
+
 double bytes_per_primitive(const SceneReader& reader) {
   return reader.primitives() == 0
              ? 0
@@ -111,6 +113,19 @@ Json layers_json(const SceneReader& reader) {
   return layers;
 }
 
+Json damage_json(const SceneReader& reader) {
+  Json damage = Json::array();
+  for (const Issue& issue : reader.damage()) {
+    damage.push_back(
+        {{"number", issue.number}, {"offset", issue.offset}, {"message", issue.message}});
+  }
+  return damage;
+}
+
+bool has_up(const SceneMetadata& metadata) {
+  return std::any_of(metadata.up, metadata.up + 3, [](float v) { return v != 0.0f; });
+}
+
 Json to_json(const SceneReader& reader, const std::string& path) {
   const SceneMetadata& m = reader.metadata();
   Json json = {{"file", path},
@@ -121,6 +136,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"incomplete_bytes", reader.incomplete_bytes()},
                {"missing_bytes", reader.missing_bytes()},
                {"complete_s", m.time_base.seconds(reader.complete_ticks())},
+               {"damage", damage_json(reader)},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -133,7 +149,9 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"bounds",
                 {{"min", std::vector<float>(m.bounds_min, m.bounds_min + 3)},
                  {"max", std::vector<float>(m.bounds_max, m.bounds_max + 3)}}},
-               {"metric", m.metric},
+               {"metres_per_unit", m.metres_per_unit > 0 ? Json(m.metres_per_unit) : Json(nullptr)},
+               {"up", nullptr},
+               {"floor", nullptr},
                {"background", std::vector<float>(m.background, m.background + 3)},
                {"near_plane", m.near_plane},
                {"generator", m.generator},
@@ -146,14 +164,21 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"layers", layers_json(reader)},
                {"streams", Json::array()}};
   if (m.start_camera) json["start_camera"] = camera_json(*m.start_camera);
+  if (has_up(m)) {
+    json["up"] = m.up;
+    json["floor"] = m.floor;
+  }
   if (m.window) {
     json["window"] = {{"first_frame", m.window->first_frame},
                       {"capture_frames", m.window->capture_frames}};
   }
   for (const ScenePart& part : reader.parts()) {
-    json["parts"].push_back({{"begin_s", m.time_base.seconds(part.begin_ticks)},
-                             {"end_s", m.time_base.seconds(part.end_ticks)},
-                             {"primitives", part.primitives}});
+    json["parts"].push_back(
+        {{"begin_s", m.time_base.seconds(part.begin_ticks)},
+         {"end_s", m.time_base.seconds(part.end_ticks)},
+         {"shown_begin_s", m.time_base.seconds(std::max(0.0, part.shown().begin))},
+         {"shown_end_s", m.time_base.seconds(part.shown().end)},
+         {"primitives", part.primitives}});
   }
   for (const StreamInfo& stream : reader.streams()) {
     json["streams"].push_back(
@@ -170,13 +195,18 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
       "  size             {} ({} bytes), index and all before it {}\n"
       "  primitives       {}, {:.1f} bytes each, harmonics to degree {}\n"
       "  duration         {:.3f} s, {} frames at {:.6g} a second\n"
-      "  bounds           {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}{}\n",
+      "  bounds           {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}\n",
       path, reader.version_major(), reader.version_minor(), profile_name(reader.profile()),
       human_bytes(reader.file_bytes()), reader.file_bytes(), human_bytes(reader.head_bytes()),
       reader.primitives(), bytes_per_primitive(reader), reader.sh_degree(),
       m.time_base.seconds(m.frames), m.frames, 1.0 / m.time_base.seconds(1), m.bounds_min[0],
-      m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2],
-      m.metric ? " m" : "");
+      m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2]);
+  if (m.metres_per_unit > 0) out += fmt::format("  unit             {:.6g} m\n", m.metres_per_unit);
+  if (has_up(m)) {
+    out +=
+        fmt::format("  up               {:.4g} {:.4g} {:.4g}, the floor at {:.4g} {:.4g} {:.4g}\n",
+                    m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
+  }
   if (reader.form() != SceneForm::kFinished) {
     out += fmt::format(
         "  form             recorded live, {}; 'stgs finalize' puts its index in front\n",
@@ -198,6 +228,11 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
         reader.missing_bytes(), whole, reader.segments().size(), plain,
         m.time_base.seconds(reader.complete_ticks()));
   }
+  for (const Issue& issue : reader.damage()) {
+    if (issue.number == kFileSize && reader.missing_bytes() > 0) continue;  // said above
+    out += fmt::format("  {:<16} byte {}: {}\n", issue.error ? "damaged" : "told", issue.offset,
+                       issue.message);
+  }
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
   }
@@ -209,8 +244,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   if (reader.parts().size() > 1) {
     for (const ScenePart& part : reader.parts()) {
       out += fmt::format("  part             {:.3f} s to {:.3f} s, {} primitives\n",
-                         m.time_base.seconds(part.begin_ticks), m.time_base.seconds(part.end_ticks),
-                         part.primitives);
+                         m.time_base.seconds(part.shown().begin),
+                         m.time_base.seconds(part.shown().end), part.primitives);
     }
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);

@@ -76,6 +76,8 @@ class PackOptions {
   double quality_ = encoder::PackSettings{}.quality, target_kbps_ = 0, max_error_ = 0;
   int tiers_ = encoder::PackSettings{}.tiers;
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
+  double metres_ = 0;  // a unit; 0: not given
+  std::vector<float> up_, floor_;
 };
 
 // Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV. `accept`, where given, is

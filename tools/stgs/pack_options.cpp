@@ -2,6 +2,7 @@
 #include "encode_options.h"
 
 #include <CLI/CLI.hpp>
+#include <array>
 
 #include "options.h"
 
@@ -40,6 +41,19 @@ void PackOptions::declare(CLI::App& app) {
       ->check(number_between(1, 16))
       ->capture_default_str()
       ->group(group);
+  app.add_option("--metres-per-unit", metres_,
+                 "How many metres a scene unit is, for the file to say")
+      ->check(number_between(1e-9, 1e9))
+      ->group(group);
+  const auto vector = [&](const char* name, std::vector<float>& to, const char* about) {
+    app.add_option(name, to, about)
+        ->delimiter(',')
+        ->expected(3)
+        ->check(number_between(-1e9, 1e9))
+        ->group(group);
+  };
+  vector("--up", up_, "X,Y,Z: the direction against gravity, for the file to say");
+  vector("--floor", floor_, "X,Y,Z: a point of the floor, beside --up, in scene units");
 }
 
 encoder::PackSettings PackOptions::settings() const {
@@ -50,6 +64,12 @@ encoder::PackSettings PackOptions::settings() const {
   settings.max_error = max_error_;
   settings.tiers = tiers_;
   settings.chunk_seconds = chunk_seconds_;
+  const auto point = [](const std::vector<float>& v) {
+    return v.size() == 3 ? std::optional(std::array{v[0], v[1], v[2]}) : std::nullopt;
+  };
+  if (metres_ > 0) settings.metres_per_unit = static_cast<float>(metres_);
+  settings.up = point(up_);
+  settings.floor = point(floor_);
   return settings;
 }
 

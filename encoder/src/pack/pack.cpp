@@ -68,6 +68,26 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
   return merged;
 }
 
+// What the settings say of unit, up and floor.
+Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
+  if (settings.metres_per_unit) metadata.metres_per_unit = *settings.metres_per_unit;
+  if (settings.up) {
+    const auto [x, y, z] = *settings.up;
+    const double length = std::hypot(double{x}, double{y}, double{z});
+    if (!(length > 0)) return usage_error("an up vector of {},{},{} points nowhere", x, y, z);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      metadata.up[axis] = static_cast<float>((*settings.up)[axis] / length);
+    }
+  }
+  if (!settings.floor) return {};
+  const float* up = metadata.up;
+  if (up[0] == 0.0f && up[1] == 0.0f && up[2] == 0.0f) {
+    return usage_error("a floor needs to know what is up: give an up vector too");
+  }
+  std::copy(settings.floor->begin(), settings.floor->end(), metadata.floor);
+  return {};
+}
+
 // The test pictures of the capture that the scene is of.
 Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
                                     const std::string& folder) {
@@ -112,7 +132,8 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(check_profile(settings.profile));
   STGS_TRY(go_on(0, "reading"));
   PackReport found;
-  STGS_ASSIGN(const Scene scene, read_inputs(scene_paths, log, found));
+  STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));
+  STGS_TRY(set_space(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty()) {
     STGS_ASSIGN(views, held_out_views(scene, scene_paths.front(), settings.against));

@@ -34,7 +34,7 @@ void draw(const Scene& scene, double t, const math::PinholeCamera& camera, Sketc
     std::vector<std::uint32_t> drawn(part.primitives);
     std::iota(drawn.begin(), drawn.end(), first);
     first += static_cast<std::uint32_t>(part.primitives);
-    if (t < part.begin_ticks || t >= part.end_ticks) continue;
+    if (!part.shows(t, scene.metadata.frames)) continue;
     slice(scene.gaussians, drawn, t - part.begin_ticks, camera, settings, 0, sketch.frame);
   }
   bin(sketch.frame);

@@ -418,7 +418,7 @@ Scene Trainer::scene() const {
   SceneMetadata& metadata = scene.metadata;
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
-  metadata.metric = capture_.metric;
+  metadata.metres_per_unit = capture_.metric ? 1.0f : 0.0f;
   metadata.window = capture_.window;
   if (metadata.window) {
     metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);

@@ -26,11 +26,9 @@ std::vector<DrawnPart> parts_at(const Scene& scene, double ticks) {
   std::vector<DrawnPart> out;
   std::size_t first = 0;
   for (const ScenePart& part : scene.parts) {
-    const bool ends_the_clip = part.end_ticks >= scene.metadata.frames;
-    const bool drawn = ticks >= part.begin_ticks &&
-                       (ticks < part.end_ticks || (ends_the_clip && ticks <= part.end_ticks));
     const std::size_t last = first + static_cast<std::size_t>(part.primitives);
-    if (drawn) out.push_back({first, last, ticks - part.begin_ticks});
+    if (part.shows(ticks, scene.metadata.frames))
+      out.push_back({first, last, ticks - part.begin_ticks});
     first = last;
   }
   return out;

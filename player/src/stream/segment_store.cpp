@@ -77,7 +77,8 @@ std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment) con
 }
 
 bool SegmentStore::settled(std::uint32_t segment) const {
-  return entries_[segment].held != nullptr || entries_[segment].base.at == At::kLost;
+  return entries_[segment].held != nullptr || entries_[segment].base.at == At::kLost ||
+         !reader_->segments()[segment].shown();
 }
 
 bool SegmentStore::ready(double ticks) const {
@@ -180,6 +181,7 @@ double SegmentStore::urgency_of(const Piece& piece) const {
 
 // Whether a piece is still to be fetched, and soon enough to begin with it.
 bool SegmentStore::wanted(const Piece& piece, double now) const {
+  if (!reader_->segments()[piece.segment].shown()) return false;
   const Entry& entry = entries_[piece.segment];
   const PieceState& state = piece.harmonics ? entry.harmonics : entry.base;
   if (state.at != At::kAway && !(state.at == At::kLost && now >= state.retry)) return false;

@@ -2,6 +2,7 @@
 // From a lossless scene to a compressed .stgs file.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,10 @@ struct PackSettings {
   int tiers = 3;             // 1..16
   // A prepared capture: the loss is measured on its test cameras too. Empty: none. For one scene.
   std::string against;
+  // What the file is to say of its space, where the scene does not or says it otherwise.
+  std::optional<float> metres_per_unit;       // > 0
+  std::optional<std::array<float, 3>> up;     // against gravity, of any length but 0
+  std::optional<std::array<float, 3>> floor;  // a point of the floor; where up is known
 };
 
 // A merged window: the frames at which its primitives are drawn.

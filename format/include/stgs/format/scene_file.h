@@ -18,8 +18,8 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 5;
-inline constexpr std::uint16_t kOldestMinor = 5;  // those before were experiments
+inline constexpr std::uint16_t kFormatMinor = 6;
+inline constexpr std::uint16_t kOldestMinor = 6;  // those before were experiments
 
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float as trained
@@ -57,7 +57,9 @@ struct CaptureWindow {
 struct SceneMetadata {
   TimeBase time_base;
   std::uint32_t frames = 0;         // duration in ticks: moments [0, frames)
-  bool metric = false;              // scene units are metres
+  float metres_per_unit = 0;        // > 0; 0: not known
+  float up[3] = {0, 0, 0};          // unit vector against gravity; 0, 0, 0: not known
+  float floor[3] = {0, 0, 0};       // a point of the floor, scene units, where `up` is known
   float background[3] = {0, 0, 0};  // sRGB-encoded
   float bounds_min[3] = {0, 0, 0};  // of the positions; computed by the writer
   float bounds_max[3] = {0, 0, 0};
@@ -65,15 +67,34 @@ struct SceneMetadata {
   std::optional<StartCamera> start_camera;
   std::string generator;  // program and version that wrote the file
   std::string title;
+  // Numbers of later versions that may be shown as 0 (spec 4.2), kept for whoever knows them.
+  std::uint8_t kernel = 0, colour = 0, harmonics = 0;
   std::optional<CaptureWindow> window;
 };
 
-// Successive primitives that are drawn at the moments of [begin, end) alone (spec 5.10); a part
-// that reaches the end of the timeline includes it. Their times count from begin_ticks, so that
-// single precision holds them however late the part is.
+// Moments [begin, end), ticks.
+struct Moments {
+  double begin = 0, end = 0;
+  bool operator==(const Moments&) const = default;
+};
+
+// Successive primitives that are drawn at the moments of [begin, end) alone (spec 5.10), or at
+// those of these that are shown; a part that reaches the end of the timeline includes it. Their
+// times count from begin_ticks, so that single precision holds them however late the part is. The
+// part may begin before the timeline and end after it. All moments are multiples of 2^-20, to 2^32.
 struct ScenePart {
-  double begin_ticks = 0, end_ticks = 0;  // 0 <= begin < end <= frames
+  double begin_ticks = 0, end_ticks = 0;
   std::uint64_t primitives = 0;
+  std::optional<Moments> cut =
+      {};  // what of [begin, end) is shown, from 0 on, where that is not all
+
+  Moments shown() const { return cut.value_or(Moments{begin_ticks, end_ticks}); }
+  // Whether its primitives are drawn at a moment of a timeline of so many frames.
+  bool shows(double ticks, std::uint32_t frames) const {
+    const Moments moments = shown();
+    return ticks >= moments.begin &&
+           (ticks < moments.end || (moments.end >= frames && ticks <= frames));
+  }
   bool operator==(const ScenePart&) const = default;
 };
 
@@ -98,7 +119,7 @@ struct ReadLimits {
 // most; any number of first tiers, with or without their harmonics, is a picture.
 struct SegmentInfo {
   std::int32_t level = 0;  // -1: persistent, all of its part; else span = chunk << level
-  double begin_ticks = 0, end_ticks = 0;
+  double begin_ticks = 0, end_ticks = 0;  // what is shown of it, see shown()
   std::uint32_t primitives = 0;
   std::uint64_t offset = 0, bytes = 0;  // in the file
   std::uint32_t part = 0;               // of SceneReader::parts()
@@ -108,6 +129,8 @@ struct SegmentInfo {
   // False: beyond the end of a file that is truncated. Where there are no harmonics of their own
   // these are there.
   bool there = true, harmonics_there = true;
+
+  bool shown() const { return begin_ticks < end_ticks; }
 };
 
 // How a file is laid out (spec 2.4).
@@ -154,8 +177,8 @@ class SceneReader {
   virtual SceneForm form() const = 0;
   // Bytes of a growing file after its last complete fragment: being written, or cut off.
   virtual std::uint64_t incomplete_bytes() const = 0;
-  // What open() found wrong and could read past: a file that is truncated, say. Segments that are
-  // there can be decoded all the same.
+  // What open() found wrong, or has to tell, and could read past: a file that is truncated, say.
+  // Segments that are there can be decoded all the same.
   virtual const std::vector<Issue>& damage() const = 0;
   // Bytes that a finished file has too few.
   virtual std::uint64_t missing_bytes() const = 0;
@@ -168,6 +191,8 @@ class SceneReader {
   // error it is as it was.
   virtual Result<bool> refresh() = 0;
   virtual double chunk_ticks() const = 0;  // the shortest segment of the timeline
+  // Whether the head has layouts for all records (spec 6.2); else each has its own.
+  virtual bool has_layouts() const = 0;
   virtual const std::vector<SegmentInfo>& segments() const = 0;
   // At least one; segments are listed part after part.
   virtual const std::vector<ScenePart>& parts() const = 0;
