@@ -91,6 +91,7 @@ class SegmentForm {
       set_ = &of_file;
     }
     if (!in_.ok() || number >= set_->layouts.size()) return;
+    if (set_->layouts[number].problem != 0) return;
     layout_ = &set_->layouts[number];
     if (layout_->has_first_key()) in_.u64();
     sizes_at_ = in_.position();
@@ -145,7 +146,8 @@ class SegmentForm {
     const std::size_t begin = out.size(), size = n * row.planes();
     out.resize(begin + size);
     if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-      if (draco_fits(stored, n)) (void)draco_decode(stored, n, std::span(out).subspan(begin));
+      if (size == 9 * n && draco_fits(stored, n))
+        (void)draco_decode(stored, n, std::span(out).subspan(begin));
     } else if (stored.size() == size) {
       std::copy(stored.begin(), stored.end(), out.begin() + static_cast<std::ptrdiff_t>(begin));
     } else {
