@@ -57,8 +57,8 @@ class Renderer {
   virtual std::string name() const = 0;
 };
 
-// "cpu" or "cuda"; "auto" is cuda where there is a device for it, else cpu. "cuda" and "vulkan"
-// answer kNotBuilt in a build without them, "cuda" kUnsupported without a device.
+// "cpu", "cuda" or "vulkan"; "auto" is cuda where there is a device for it, else cpu. "cuda" and
+// "vulkan" answer kNotBuilt in a build without them, kUnsupported without a device.
 Result<std::unique_ptr<Renderer>> make_renderer(const std::string& backend);
 
 // Names that make_renderer takes in this build, the one that "auto" chooses first.

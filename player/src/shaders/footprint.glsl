@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which tiles a splat's ellipse meets. It may only err towards meeting: what is listed where it is
+// not seen costs time, what is missing is wrong.
+
+// Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
+const float kLimitSlack = 0.75e-4f;
+
+// The ellipse as rows of tiles see it. With v the offset from the centre in half heights, its
+// points at v are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at
+// -top.
+struct Footprint {
+  float x, y, per_height, slope, width, top, slack;
+  int row, rows;  // of tiles
+};
+
+Footprint footprint_of(vec4 a, vec4 b) {
+  const float tile = float(kTilePixels);
+  vec2 extent = b.zw;
+  Footprint f;
+  f.x = a.x;
+  f.y = a.y;
+  f.per_height = 1.0f / max(extent.y, 1e-4f);
+  // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
+  float limit =
+      max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
+  f.width = sqrt(limit / -a.z);
+  f.slope = -0.5f * a.w / a.z * max(extent.y, 1e-4f);
+  float ratio = f.slope / f.width;
+  f.top = ratio * inversesqrt(1.0f + ratio * ratio);
+  if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
+  f.slack = 1e-3f + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
+  float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
+  float count = float(view.tiles_y);
+  float first = ceil((f.y - extent.y - slack - (tile - 0.5f)) / tile);
+  float last = floor((f.y + extent.y + slack - 0.5f) / tile);
+  f.row = int(clamp(first, 0.0f, count));
+  f.rows = max(int(clamp(last, -1.0f, count - 1.0f)) - f.row + 1, 0);
+  return f;
+}
+
+// Tiles of a row: the first, and how many.
+ivec2 span_of(Footprint f, int row) {
+  const float tile = float(kTilePixels);
+  float top = float(row) * tile + 0.5f;
+  float bottom = min(top + (tile - 1.0f), float(view.height) - 0.5f);
+  float low = clamp((top - f.y) * f.per_height, -1.0f, 1.0f);
+  float high = clamp((bottom - f.y) * f.per_height, -1.0f, 1.0f);
+  float at_right = clamp(f.top, low, high), at_left = clamp(-f.top, low, high);
+  // 1e-6 for the rounding of v, which counts most near the ends.
+  float right = f.x + f.slope * at_right +
+                f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
+  float left = f.x + f.slope * at_left -
+               f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
+  float count = float(view.tiles_x);
+  int first = int(clamp(ceil((left - (tile - 0.5f)) / tile), 0.0f, count));
+  int last = int(clamp(floor((right - 0.5f) / tile), -1.0f, count - 1.0f));
+  return ivec2(first, max(last - first + 1, 0));
+}

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// The buffers of a view, and what every shader needs.
+#include "frame_layout.h"
+
+layout(std430, set = 0, binding = 0) readonly buffer InputBuffer {
+  ViewInput view;
+  Part parts[];
+};
+layout(std430, set = 0, binding = 1) buffer CountBuffer {
+  uint alive;      // seen at the moment, on the screen or not
+  uint visible;    // splats
+  uint listed;     // instances that are sorted and drawn: all of them, or none
+  uint instances;  // in all, also where they did not fit; kManyInstances at most
+  uvec4 work[kWorks];
+};
+// A visible primitive on the screen. At pixel offset (dx, dy), log2 of its alpha is
+// min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).
+layout(std430, set = 0, binding = 2) buffer SplatABuffer {
+  vec4 splat_a[];  // x, y; -log2(e) conic.xx / 2, -log2(e) conic.xy
+};
+layout(std430, set = 0, binding = 3) buffer SplatBBuffer {
+  vec4 splat_b[];  // -log2(e) conic.yy / 2, log2(O_t); half size of the box, pixels
+};
+layout(std430, set = 0, binding = 4) buffer SplatCBuffer {
+  vec4 splat_c[];  // red, green, blue; camera z
+};
+// Sums before an item are in two parts, within kScanTile items and of the tiles before.
+layout(std430, set = 0, binding = 5) buffer ChunkPlaceBuffer {
+  uint chunk_places[];
+};
+layout(std430, set = 0, binding = 6) buffer ChunkSumBuffer {
+  uint chunk_sums[];
+};
+layout(std430, set = 0, binding = 7) buffer TilePlaceBuffer {
+  uint tile_places[];
+};
+layout(std430, set = 0, binding = 8) buffer TileSumBuffer {
+  uint tile_sums[];
+};
+layout(std430, set = 0, binding = 9) buffer RangeBuffer {
+  uvec2 tile_ranges[];  // of a tile: first and last + 1 of its instances
+};
+layout(std430, set = 0, binding = 10) buffer PictureBuffer {
+  float picture[];  // planes: 3 colours, alpha, depth
+};
+layout(std430, set = 0, binding = 11) buffer DigitPlaceBuffer {
+  uint digit_places[];
+};
+layout(std430, set = 0, binding = 12) buffer DigitSumBuffer {
+  uint digit_sums[];
+};
+
+layout(push_constant) uniform PushBlock {
+  Push push;
+};
+
+const float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
+
+// The workgroup's number in a dispatch that may extend along y.
+uint group_number() {
+  return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+}
+
+// By the bits, which no compiler takes for granted.
+bool finite(float x) {
+  return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u;
+}

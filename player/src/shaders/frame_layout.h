@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the host's side of the Vulkan renderer shares with its shaders, in the subset of
+// format/math: structs of scalars, which std430 lays out as C++ does.
+#ifndef STGS_PLAYER_SHADERS_FRAME_LAYOUT_H
+#define STGS_PLAYER_SHADERS_FRAME_LAYOUT_H
+
+#include "stgs/format/math/project.h"
+
+#if defined(GL_core_profile)
+#define STGS_LAYOUT_BEGIN
+#define STGS_LAYOUT_END
+#else
+#include <cstdint>
+#define STGS_LAYOUT_BEGIN          \
+  namespace stgs::player::vulkan { \
+  using uint = std::uint32_t;      \
+  using math::PinholeCamera;       \
+  using math::Vec3;
+#define STGS_LAYOUT_END }
+#endif
+
+STGS_LAYOUT_BEGIN
+
+const int kTilePixels = 16;    // width and height, as kTileSize of raster.h
+const uint kGroup = 256u;      // invocations of a workgroup, and primitives of a chunk
+const uint kSortTile = 4096u;  // keys that a workgroup sorts
+const uint kScanTile = 2048u;  // numbers that a workgroup sums
+const uint kDigits = 256u;     // of a pass of the sort
+const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
+
+// Sums stop here, above any count that can be drawn, instead of overflowing.
+const uint kManyInstances = 1u << 30;
+
+// Successive primitives in a block of memory that are drawn at the same moment of their time.
+struct Part {
+  uint at;  // of its data, in units of 16 bytes
+  uint primitives;
+  uint first_chunk;  // of the view's chunks
+  uint first_group;  // of the dispatch over its block
+  float ticks;       // the moment, and what its rounding has lost
+  float ticks_rest;
+};
+
+// What changes from view to view; the parts follow it.
+struct ViewInput {
+  PinholeCamera camera;
+  Vec3 centre;  // of the camera, in the world
+  Vec3 background;
+  int width, height;  // pixels
+  int tiles_x, tiles_y;
+  uint chunks;
+  uint instance_capacity;
+};
+
+// Work whose extent the device finds: rows of four numbers, the groups of a dispatch along x, y and
+// z, and how many items there are.
+const uint kWorkScanChunks = 0u;       // items: chunks
+const uint kWorkSortDepth = 1u;        // visible splats
+const uint kWorkScanDepthDigits = 2u;  // kDigits a workgroup of the sort
+const uint kWorkCountTiles = 3u;       // visible splats
+const uint kWorkScanTiles = 4u;        // visible splats
+const uint kWorkListTiles = 5u;        // visible splats; none where the instances do not fit
+const uint kWorkSortTiles = 6u;        // listed instances
+const uint kWorkScanTileDigits = 7u;   // kDigits a workgroup of the sort
+const uint kWorkFindRanges = 8u;       // listed instances
+const uint kWorks = 9u;
+
+// What scan_sums does with the total.
+const uint kTotalOfDigits = 0u;   // nothing
+const uint kTotalVisible = 1u;    // the work up to listing
+const uint kTotalInstances = 2u;  // the work after that
+
+struct Push {
+  uint work;                            // row that says how many items there are
+  uint shift;                           // of the sort's digit, bits
+  uint total;                           // what scan_sums does with the total
+  uint first_part, part_count, groups;  // of a dispatch over a block
+};
+
+STGS_LAYOUT_END
+
+#endif

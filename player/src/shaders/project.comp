@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// Slice at t: one primitive an invocation, cheapest tests first, as raster_slice.cpp's make_splat.
+// A chunk's splats lie side by side from its first place on, in the order of ids.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "frame.glsl"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/sh.h"
+
+layout(local_size_x = 256) in;
+layout(constant_id = 0) const int kDegree = 3;
+
+// The same block of memory twice.
+layout(std430, set = 1, binding = 0) readonly buffer FourBuffer {
+  vec4 fours[];
+};
+layout(std430, set = 1, binding = 1) readonly buffer PairBuffer {
+  uvec2 pairs[];
+};
+
+const float kLog2E = 1.44269504f;
+
+struct Splat {
+  vec4 a, b, c;
+};
+
+// A segment's data: arrays of n, which is a multiple of kGroup (packed_segment.h).
+struct Arrays {
+  uint pair;  // of the first, in pairs
+  uint n;
+};
+
+vec2 pair_at(uint i) {
+  return uintBitsToFloat(pairs[i]);
+}
+
+// t - T, with the rounding of the moment and of the difference made good.
+float since(Part part, float time) {
+  precise float difference = part.ticks - time;
+  precise float back = difference - part.ticks;
+  precise float lost = (part.ticks - (difference - back)) - (time + back);
+  precise float dt = difference + (lost + part.ticks_rest);
+  return dt;
+}
+
+// False where the distance or a sum of the harmonics is not finite (representation 4.6).
+bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
+  float square = dot3(from_camera, from_camera);
+  float n = 1.0f / sqrt(square);
+  ShBasis basis = sh_basis(vec3_of(from_camera.x * n, from_camera.y * n, from_camera.z * n));
+  const int floats = 3 * (kDegree + 1) * (kDegree + 1);
+  float sums[3] = float[3](0.0f, 0.0f, 0.0f);
+  for (int p = 0; 4 * p < floats; ++p) {
+    uvec2 bits = pairs[at.pair + (9u + uint(p)) * at.n + i];
+    vec4 four = vec4(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y));
+    for (int k = 0; k < 4; ++k) {
+      int number = 4 * p + k;
+      if (number < floats) sums[number % 3] += basis.v[number / 3] * four[k];
+    }
+  }
+  splat.c.xyz = vec3(sh_colour(sums[0]), sh_colour(sums[1]), sh_colour(sums[2]));
+  return finite(square) && finite(sums[0]) && finite(sums[1]) && finite(sums[2]);
+}
+
+// The splat of primitive i, which is alive; false where it is not visible.
+bool make_splat(Part part, Arrays at, uint i, out Splat splat) {
+  vec4 place = fours[(at.pair + at.n) / 2u + i];
+  vec4 motion = fours[(at.pair + 3u * at.n) / 2u + i];
+  vec2 lifespan = pair_at(at.pair + 5u * at.n + i);
+  float dt = since(part, place.w);
+  Vec3 position = position_at(vec3_of(place.x, place.y, place.z),
+                              vec3_of(motion.x, motion.y, motion.z), dt);
+  if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
+  float opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
+  if (!(opacity >= kAlphaThreshold)) return false;
+
+  vec4 c = fours[(at.pair + 6u * at.n) / 2u + i];
+  vec2 rest = pair_at(at.pair + 8u * at.n + i);
+  Sym3 covariance;
+  covariance.xx = c.x;
+  covariance.xy = c.y;
+  covariance.xz = c.z;
+  covariance.yy = c.w;
+  covariance.yz = rest.x;
+  covariance.zz = rest.y;
+  Projection p = project_gaussian(view.camera, position, covariance);
+  if (p.visible == 0) return false;
+  float elongation = elongation_of(p);
+  if (!finite(elongation) || !finite(p.conic.xy)) return false;
+  Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
+  float slack = extent_slack(elongation);
+  extent = vec2_of(extent.x * slack, extent.y * slack);
+  if (outside_image(view.camera, p.mean, extent)) return false;
+
+  splat.a = vec4(p.mean.x, p.mean.y, -0.5f * kLog2E * p.conic.xx, -kLog2E * p.conic.xy);
+  splat.b = vec4(-0.5f * kLog2E * p.conic.yy, log2(opacity), extent.x, extent.y);
+  splat.c.w = p.depth;
+  Vec3 from_camera = vec3_of(position.x - view.centre.x, position.y - view.centre.y,
+                             position.z - view.centre.z);
+  return finite(p.depth) && colour_of(at, i, from_camera, splat);
+}
+
+// The part that has the group: the last one that begins at or before it.
+uint part_of(uint group) {
+  uint low = push.first_part, high = push.first_part + push.part_count;
+  while (high - low > 1u) {
+    uint middle = (low + high) / 2u;
+    if (parts[middle].first_group <= group) {
+      low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
+}
+
+shared uint seen[kGroup / 32u];  // a bit an invocation
+shared uint alive_here;
+
+void main() {
+  uint group = group_number(), thread = gl_LocalInvocationIndex;
+  if (group >= push.groups) return;
+  if (thread < kGroup / 32u) seen[thread] = 0u;
+  if (thread == 0u) alive_here = 0u;
+  barrier();
+  Part part = parts[part_of(group)];
+  uint chunk_of_part = group - part.first_group, chunk = part.first_chunk + chunk_of_part;
+  uint i = chunk_of_part * kGroup + thread;
+  Arrays at;
+  at.pair = 2u * part.at;
+  at.n = (part.primitives + kGroup - 1u) / kGroup * kGroup;
+  vec2 support = pair_at(at.pair + i);
+  bool is_alive = support.x <= part.ticks && part.ticks <= support.y;
+  Splat splat;
+  bool is_visible = is_alive && make_splat(part, at, i, splat);
+  if (is_alive) atomicAdd(alive_here, 1u);
+  if (is_visible) atomicOr(seen[thread / 32u], 1u << (thread % 32u));
+  barrier();
+  uint before = 0u, total = 0u;
+  for (uint k = 0u; k < kGroup / 32u; ++k) {
+    uint bits = seen[k];
+    total += uint(bitCount(bits));
+    if (k == thread / 32u) bits &= (1u << (thread % 32u)) - 1u;
+    if (k <= thread / 32u) before += uint(bitCount(bits));
+  }
+  if (is_visible) {
+    uint to = chunk * kGroup + before;
+    splat_a[to] = splat.a;
+    splat_b[to] = splat.b;
+    splat_c[to] = splat.c;
+  }
+  if (thread == 0u) {
+    chunk_places[chunk] = total;
+    if (alive_here != 0u) atomicAdd(alive, alive_here);
+  }
+}

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// Moves each workgroup's kSortTile keys to their places, in the order in which they are. Workgroups
+// wait for none: a kernel before has counted what all of them have.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#if STGS_BALLOT
+#extension GL_KHR_shader_subgroup_ballot : require
+#endif
+#include "frame.glsl"
+
+layout(local_size_x = 256) in;
+layout(std430, set = 1, binding = 0) readonly buffer KeyBuffer {
+  uint keys[];
+};
+layout(std430, set = 1, binding = 1) readonly buffer ValueBuffer {
+  uint values[];
+};
+layout(std430, set = 1, binding = 2) writeonly buffer KeyOutBuffer {
+  uint keys_out[];
+};
+layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
+  uint values_out[];
+};
+
+#if STGS_BALLOT
+layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
+#else
+const uint kLanes = 32u;  // bits of a word
+#endif
+const uint kWords = kGroup / kLanes;
+
+// Of the keys that are moved at once, a bit each where it has the digit.
+shared uint having[kDigits * kWords];
+shared uint places[kDigits];  // of the next key with the digit
+
+#if STGS_BALLOT
+uint thread_number() {
+  return gl_SubgroupID * kLanes + gl_SubgroupInvocationID;
+}
+// The word of a digit: all lanes that have it write the same.
+void tell(uint digit, bool there, uint thread) {
+  uint same = subgroupBallot(there).x;
+  for (uint bit = 0u; bit < 8u; ++bit) {
+    bool set = (digit >> bit & 1u) != 0u;
+    uint ones = subgroupBallot(set).x;
+    same &= set ? ones : ~ones;
+  }
+  if (there) having[digit * kWords + thread / kLanes] = same;
+}
+#else
+uint thread_number() {
+  return gl_LocalInvocationIndex;
+}
+void tell(uint digit, bool there, uint thread) {
+  if (there) atomicOr(having[digit * kWords + thread / kLanes], 1u << (thread % kLanes));
+}
+#endif
+
+void main() {
+  uint n = work[push.work].w, group = group_number(), thread = thread_number();
+  uint first = group * kSortTile;
+  if (first >= n) return;
+  uint groups = (n + kSortTile - 1u) / kSortTile;
+  uint place = thread * groups + group;
+  places[thread] = digit_places[place] + digit_sums[place / kScanTile];
+  for (uint k = 0u; k < kWords; ++k) having[thread * kWords + k] = 0u;
+  barrier();
+  uint end = min(first + kSortTile, n);
+  for (uint at = first; at < end; at += kGroup) {
+    uint i = at + thread;
+    bool there = i < end;
+    uint key = there ? keys[i] : 0u;
+    uint value = there ? values[i] : 0u;
+    uint digit = key >> push.shift & (kDigits - 1u);
+    tell(digit, there, thread);
+    barrier();
+    if (there) {
+      uint word = thread / kLanes;
+      uint to = places[digit];
+      for (uint k = 0u; k < word; ++k) to += uint(bitCount(having[digit * kWords + k]));
+      to += uint(bitCount(having[digit * kWords + word] & ((1u << (thread % kLanes)) - 1u)));
+      keys_out[to] = key;
+      values_out[to] = value;
+    }
+    barrier();
+    uint more = 0u;
+    for (uint k = 0u; k < kWords; ++k) {
+      more += uint(bitCount(having[thread * kWords + k]));
+      having[thread * kWords + k] = 0u;
+    }
+    places[thread] += more;
+    barrier();
+  }
+}

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/buffer.h"
+
+#include <algorithm>
+
+namespace stgs::player::vulkan {
+
+Buffer& Buffer::operator=(Buffer&& other) noexcept {
+  if (this == &other) return *this;
+  reset();
+  device_ = other.device_;
+  buffer_ = std::exchange(other.buffer_, VkBuffer{VK_NULL_HANDLE});
+  memory_ = std::exchange(other.memory_, VkDeviceMemory{VK_NULL_HANDLE});
+  bytes_ = std::exchange(other.bytes_, 0);
+  mapped_ = std::exchange(other.mapped_, nullptr);
+  return *this;
+}
+
+void Buffer::reset() {
+  if (device_ == nullptr) return;
+  device_->vk.vkDestroyBuffer(device_->handle(), buffer_, nullptr);
+  device_->vk.vkFreeMemory(device_->handle(), memory_, nullptr);
+  buffer_ = VK_NULL_HANDLE;
+  memory_ = VK_NULL_HANDLE;
+  bytes_ = 0;
+  mapped_ = nullptr;
+}
+
+Status Buffer::create(const Device& device, std::uint64_t bytes, Place place) {
+  reset();
+  device_ = &device;
+  auto info = structure<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
+  info.size = bytes;
+  info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+  if (place == Place::kDevice) {
+    info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
+  }
+  const auto& vk = device.vk;
+  STGS_TRY(
+      vk_status(vk.vkCreateBuffer(device.handle(), &info, nullptr, &buffer_), "creating a buffer"));
+  VkMemoryRequirements needs{};
+  vk.vkGetBufferMemoryRequirements(device.handle(), buffer_, &needs);
+  const VkMemoryPropertyFlags properties =
+      place == Place::kDevice
+          ? VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
+          : VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+  Status status;
+  if (place == Place::kHost) {
+    // Where the host also reads, cached memory is many times faster.
+    status = device.allocate(needs, properties | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, &memory_);
+  }
+  if (memory_ == VK_NULL_HANDLE) status = device.allocate(needs, properties, &memory_);
+  STGS_TRY(status);
+  STGS_TRY(
+      vk_status(vk.vkBindBufferMemory(device.handle(), buffer_, memory_, 0), "binding memory"));
+  if (place == Place::kHost) {
+    STGS_TRY(vk_status(vk.vkMapMemory(device.handle(), memory_, 0, VK_WHOLE_SIZE, 0, &mapped_),
+                       "mapping memory"));
+  }
+  bytes_ = bytes;
+  return {};
+}
+
+Status Buffer::ensure(const Device& device, std::uint64_t bytes, Place place, std::uint64_t most) {
+  if (bytes <= bytes_) return {};
+  const std::uint64_t wanted = std::max(bytes, std::min(bytes + bytes / 4, most));
+  return create(device, (wanted + 15) / 16 * 16, place);
+}
+
+void barrier(const Device& device, VkCommandBuffer commands) {
+  auto memory = structure<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  memory.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
+  memory.dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
+                         VK_ACCESS_INDIRECT_COMMAND_READ_BIT | VK_ACCESS_TRANSFER_READ_BIT |
+                         VK_ACCESS_TRANSFER_WRITE_BIT | VK_ACCESS_HOST_READ_BIT;
+  device.vk.vkCmdPipelineBarrier(
+      commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT,
+      VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT |
+          VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT | VK_PIPELINE_STAGE_HOST_BIT,
+      0, 1, &memory, 0, nullptr, 0, nullptr);
+}
+
+}  // namespace stgs::player::vulkan

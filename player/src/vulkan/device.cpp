@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/device.h"
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+#include "frame_layout.h"
+
+namespace stgs::player::vulkan {
+namespace {
+
+constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
+constexpr std::uint32_t kStorageBuffers = 17;  // of a shader's layout
+constexpr std::uint32_t kSharedBytes = 16384;
+constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+
+VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                          VkDebugUtilsMessageTypeFlagsEXT,
+                                          const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                          void* settings) {
+  static_cast<VulkanSettings*>(settings)->on_message(data->pMessage);
+  return VK_FALSE;
+}
+
+bool has_validation_layer() {
+  std::uint32_t count = 0;
+  if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
+  std::vector<VkLayerProperties> layers(count);
+  if (vkEnumerateInstanceLayerProperties(&count, layers.data()) != VK_SUCCESS) return false;
+  return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
+    return std::strcmp(layer.layerName, kLayer) == 0;
+  });
+}
+
+std::vector<VkQueueFamilyProperties> families_of(VkPhysicalDevice device) {
+  std::uint32_t count = 0;
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
+  std::vector<VkQueueFamilyProperties> families(count);
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
+  return families;
+}
+
+// The family that computes, or -1 where the device cannot draw.
+int family_of(VkPhysicalDevice device) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  const VkPhysicalDeviceLimits& limits = properties.limits;
+  if (properties.apiVersion < VK_API_VERSION_1_1 ||
+      limits.maxComputeWorkGroupInvocations < kGroup ||
+      limits.maxComputeWorkGroupSize[0] < kGroup ||
+      limits.maxComputeSharedMemorySize < kSharedBytes ||
+      limits.maxPerStageDescriptorStorageBuffers < kStorageBuffers) {
+    return -1;
+  }
+  const auto families = families_of(device);
+  for (std::size_t i = 0; i < families.size(); ++i) {
+    if ((families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) != 0) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+}  // namespace
+
+Status vk_status(VkResult result, const char* what) {
+  if (result == VK_SUCCESS) return {};
+  return runtime_error("Vulkan failed while {}: VkResult {}", what, static_cast<int>(result));
+}
+
+Device::~Device() {
+  if (context_.device != VK_NULL_HANDLE) {
+    vk.vkDeviceWaitIdle(context_.device);
+    vk.vkDestroyFence(context_.device, fence_, nullptr);
+    vk.vkDestroyCommandPool(context_.device, pool_, nullptr);
+    vk.vkDestroyDevice(context_.device, nullptr);
+  }
+  if (context_.instance == VK_NULL_HANDLE) return;
+  if (messenger_ != VK_NULL_HANDLE) {
+    vkDestroyDebugUtilsMessengerEXT(context_.instance, messenger_, nullptr);
+  }
+  vkDestroyInstance(context_.instance, nullptr);
+}
+
+Status Device::create(const VulkanSettings& settings) {
+  settings_ = settings;
+  STGS_TRY(make_instance());
+  STGS_TRY(choose());
+  STGS_TRY(open());
+  learn_limits();
+  return make_commands();
+}
+
+Status Device::make_instance() {
+  if (volkInitialize() != VK_SUCCESS) {
+    return unsupported("there is no Vulkan loader (libvulkan.so.1); use --backend cpu");
+  }
+  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
+  application.apiVersion = VK_API_VERSION_1_1;
+  const char* const extension = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
+  auto debug = structure<VkDebugUtilsMessengerCreateInfoEXT>(
+      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
+                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
+                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  debug.pfnUserCallback = on_message;
+  debug.pUserData = &settings_;
+  const VkValidationFeatureEnableEXT synchronisation =
+      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
+  features.pNext = &debug;
+  features.enabledValidationFeatureCount = 1;
+  features.pEnabledValidationFeatures = &synchronisation;
+  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+  info.pApplicationInfo = &application;
+  const bool validated = settings_.on_message != nullptr && has_validation_layer();
+  if (validated) {
+    info.pNext = &features;
+    info.enabledLayerCount = 1;
+    info.ppEnabledLayerNames = &kLayer;
+    info.enabledExtensionCount = 1;
+    info.ppEnabledExtensionNames = &extension;
+  }
+  const VkResult result = vkCreateInstance(&info, nullptr, &context_.instance);
+  if (result != VK_SUCCESS) {
+    context_.instance = VK_NULL_HANDLE;
+    return unsupported("Vulkan does not start (VkResult {}); use --backend cpu",
+                       static_cast<int>(result));
+  }
+  volkLoadInstanceOnly(context_.instance);
+  if (!validated) return {};
+  return vk_status(vkCreateDebugUtilsMessengerEXT(context_.instance, &debug, nullptr, &messenger_),
+                   "asking for messages");
+}
+
+Status Device::choose() {
+  std::uint32_t count = 0;
+  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(context_.instance, &count, nullptr),
+                     "counting devices"));
+  std::vector<VkPhysicalDevice> devices(count);
+  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(context_.instance, &count, devices.data()),
+                     "listing devices"));
+  for (const VkPhysicalDevice device : devices) {
+    const int family = family_of(device);
+    if (family < 0) continue;
+    VkPhysicalDeviceProperties properties{};
+    vkGetPhysicalDeviceProperties(device, &properties);
+    const bool discrete = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
+    if (context_.physical != VK_NULL_HANDLE && !discrete) continue;
+    context_.physical = device;
+    context_.family = static_cast<std::uint32_t>(family);
+    if (discrete) break;
+  }
+  if (context_.physical != VK_NULL_HANDLE) return {};
+  return unsupported("there is no Vulkan device that can draw ({} found); use --backend cpu",
+                     devices.size());
+}
+
+Status Device::open() {
+  const float priority = 1.0f;
+  auto queue = structure<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
+  queue.queueFamilyIndex = context_.family;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  const VkResult result = vkCreateDevice(context_.physical, &info, nullptr, &context_.device);
+  if (result != VK_SUCCESS) context_.device = VK_NULL_HANDLE;
+  STGS_TRY(vk_status(result, "opening a device"));
+  volkLoadDeviceTable(&vk, context_.device);
+  vk.vkGetDeviceQueue(context_.device, context_.family, 0, &context_.queue);
+  return {};
+}
+
+void Device::learn_limits() {
+  auto subgroups = structure<VkPhysicalDeviceSubgroupProperties>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES);
+  auto maintenance = structure<VkPhysicalDeviceMaintenance3Properties>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES);
+  maintenance.pNext = &subgroups;
+  auto properties =
+      structure<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2);
+  properties.pNext = &maintenance;
+  vkGetPhysicalDeviceProperties2(context_.physical, &properties);
+  vkGetPhysicalDeviceMemoryProperties(context_.physical, &memory_);
+  const VkPhysicalDeviceLimits& limits = properties.properties.limits;
+  most_range_ =
+      std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
+  const bool ballot = (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) != 0 &&
+                      (subgroups.supportedOperations & VK_SUBGROUP_FEATURE_BALLOT_BIT) != 0 &&
+                      (subgroups.subgroupSize == 16 || subgroups.subgroupSize == 32);
+  ballot_lanes_ = ballot && settings_.ballot ? subgroups.subgroupSize : 0;
+  const std::uint32_t bits = families_of(context_.physical)[context_.family].timestampValidBits;
+  if (bits == 0) return;
+  timestamp_ns_ = static_cast<double>(limits.timestampPeriod);
+  timestamp_mask_ = bits >= 64 ? kNoLimit : (std::uint64_t{1} << bits) - 1;
+}
+
+Status Device::make_commands() {
+  auto pool = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
+  pool.queueFamilyIndex = context_.family;
+  STGS_TRY(vk_status(vk.vkCreateCommandPool(context_.device, &pool, nullptr, &pool_),
+                     "creating a command pool"));
+  auto info =
+      structure<VkCommandBufferAllocateInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO);
+  info.commandPool = pool_;
+  info.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
+  info.commandBufferCount = 1;
+  STGS_TRY(vk_status(vk.vkAllocateCommandBuffers(context_.device, &info, &commands_),
+                     "creating a command buffer"));
+  const auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
+  return vk_status(vk.vkCreateFence(context_.device, &fence, nullptr, &fence_), "creating a fence");
+}
+
+Status Device::allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties,
+                        VkDeviceMemory* memory) const {
+  auto info = structure<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO);
+  info.allocationSize = needs.size;
+  for (std::uint32_t i = 0; i < memory_.memoryTypeCount; ++i) {
+    if ((needs.memoryTypeBits >> i & 1u) == 0) continue;
+    if ((memory_.memoryTypes[i].propertyFlags & properties) != properties) continue;
+    info.memoryTypeIndex = i;
+    if (vk.vkAllocateMemory(context_.device, &info, nullptr, memory) == VK_SUCCESS) return {};
+    *memory = VK_NULL_HANDLE;
+  }
+  return runtime_error("no {} MiB of GPU memory left", (needs.size >> 20) + 1);
+}
+
+Status Device::begin(VkCommandBuffer* commands) {
+  STGS_TRY(vk_status(vk.vkResetCommandPool(context_.device, pool_, 0), "resetting commands"));
+  auto info = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
+  info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
+  *commands = commands_;
+  return vk_status(vk.vkBeginCommandBuffer(commands_, &info), "beginning commands");
+}
+
+Status Device::finish(VkCommandBuffer commands) {
+  STGS_TRY(vk_status(vk.vkEndCommandBuffer(commands), "ending commands"));
+  auto info = structure<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
+  info.commandBufferCount = 1;
+  info.pCommandBuffers = &commands;
+  STGS_TRY(vk_status(vk.vkResetFences(context_.device, 1, &fence_), "resetting a fence"));
+  STGS_TRY(vk_status(vk.vkQueueSubmit(context_.queue, 1, &info, fence_), "starting commands"));
+  return vk_status(vk.vkWaitForFences(context_.device, 1, &fence_, VK_TRUE, kNoLimit),
+                   "waiting for the device");
+}
+
+}  // namespace stgs::player::vulkan

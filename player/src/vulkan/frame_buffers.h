@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the stages of a view leave for each other. Views share it, one after the other.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "frame_layout.h"
+#include "vulkan/buffer.h"
+
+namespace stgs::player::vulkan {
+
+// Tile instances of a view at most; as the CPU rasteriser's limit.
+inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
+
+// What begins CountBuffer of frame.glsl.
+struct Counts {
+  std::uint32_t alive, visible, listed, instances;
+};
+inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
+inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes;
+
+struct FrameNeed {
+  std::uint32_t chunks = 0, tiles = 0, parts = 0;
+  std::uint64_t instances = 0;
+};
+
+struct FrameBuffers {
+  // Makes room. kUnsupported where the device's storage buffers are too small for it, kRuntime
+  // where it has no memory left.
+  Status ensure(const Device& device, const FrameNeed& need);
+  std::uint64_t instance_capacity() const { return tile_keys[0].bytes() / sizeof(std::uint32_t); }
+  // Instances that there can be room for.
+  static std::uint64_t most_instances(const Device& device);
+
+  Buffer input, counts;
+  std::array<Buffer, 3> splats;              // frame.glsl's a, b, c; in the order of ids
+  Buffer chunk_places, chunk_sums;           // splats of a chunk
+  std::array<Buffer, 2> depth_keys, orders;  // after the sort in [0]: splats, nearest first
+  Buffer tile_places, tile_sums;             // instances of a splat
+  std::array<Buffer, 2> tile_keys, tile_splats;
+  Buffer tile_ranges;
+  Buffer digit_places, digit_sums;
+};
+
+}  // namespace stgs::player::vulkan

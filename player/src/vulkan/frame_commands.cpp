@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/frame_commands.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+namespace stgs::player::vulkan {
+namespace {
+
+constexpr std::uint32_t kStageSets = 32;       // of a view, those of the blocks apart
+constexpr std::uint64_t kUpdateBytes = 65536;  // of vkCmdUpdateBuffer at most
+constexpr int kDepthPasses = 4;
+
+// Passes of the sort by tile, 8 bits each.
+int tile_passes(std::uint32_t tiles) {
+  int passes = 1;
+  while (tiles > std::uint32_t{1} << 8 * passes && passes < 4) ++passes;
+  return passes;
+}
+
+std::uint32_t groups_for(std::uint32_t items, std::uint32_t each) {
+  return (items + each - 1) / each;
+}
+
+}  // namespace
+
+FrameCommands::~FrameCommands() {
+  if (device_ != nullptr) device_->vk.vkDestroyDescriptorPool(device_->handle(), pool_, nullptr);
+}
+
+Status FrameCommands::make_room(const Device& device, std::uint32_t sets) {
+  const auto& vk = device.vk;
+  device_ = &device;
+  if (sets <= sets_) {
+    return vk_status(vk.vkResetDescriptorPool(device.handle(), pool_, 0), "dropping buffer sets");
+  }
+  vk.vkDestroyDescriptorPool(device.handle(), pool_, nullptr);
+  pool_ = VK_NULL_HANDLE;
+  sets_ = 0;
+  const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                  kFrameBindings + sets * kStageBindings};
+  auto info = structure<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
+  info.maxSets = sets;
+  info.poolSizeCount = 1;
+  info.pPoolSizes = &size;
+  STGS_TRY(vk_status(vk.vkCreateDescriptorPool(device.handle(), &info, nullptr, &pool_),
+                     "making room for buffer sets"));
+  sets_ = sets;
+  return {};
+}
+
+class FrameCommands::Recorder {
+ public:
+  Recorder(const Device& device, const Pipelines& pipelines, const FrameBuffers& buffers,
+           const FrameWork& work, VkDescriptorPool pool, VkCommandBuffer commands)
+      : device_(device),
+        pipelines_(pipelines),
+        b_(buffers),
+        work_(work),
+        pool_(pool),
+        commands_(commands) {}
+
+  Status record(const SegmentMemory& memory) {
+    if (work_.times != VK_NULL_HANDLE) {
+      device_.vk.vkCmdResetQueryPool(commands_, work_.times, 0, kTimes);
+    }
+    time(0);
+    send();
+    STGS_TRY(bind_frame());
+    STGS_TRY(slice(memory));
+    time(1);
+    STGS_TRY(bin());
+    time(2);
+    const auto& list = b_.tile_splats[passes() % 2];
+    STGS_TRY(stage({list.handle(), list.handle(), list.handle(), list.handle()}));
+    use(Shader::kBlend, {});
+    device_.vk.vkCmdDispatch(commands_, static_cast<std::uint32_t>(work_.input->tiles_x),
+                             static_cast<std::uint32_t>(work_.input->tiles_y), 1);
+    time(3);
+    barrier(device_, commands_);
+    const VkBufferCopy counts{0, 0, sizeof(Counts)};
+    device_.vk.vkCmdCopyBuffer(commands_, b_.counts.handle(), work_.told, 1, &counts);
+    barrier(device_, commands_);
+    return {};
+  }
+
+ private:
+  using StageBuffers = std::array<VkBuffer, kStageBindings>;
+
+  std::uint32_t tiles() const {
+    return static_cast<std::uint32_t>(work_.input->tiles_x * work_.input->tiles_y);
+  }
+  std::size_t passes() const { return static_cast<std::size_t>(tile_passes(tiles())); }
+
+  void time(std::uint32_t number) {
+    if (work_.times == VK_NULL_HANDLE) return;
+    device_.vk.vkCmdWriteTimestamp(commands_, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, work_.times,
+                                   number);
+  }
+
+  void update(const Buffer& to, std::uint64_t offset, const void* data, std::uint64_t bytes) {
+    for (std::uint64_t at = 0; at < bytes; at += kUpdateBytes) {
+      device_.vk.vkCmdUpdateBuffer(commands_, to.handle(), offset + at,
+                                   std::min(kUpdateBytes, bytes - at),
+                                   static_cast<const std::uint8_t*>(data) + at);
+    }
+  }
+
+  // The input, and the counts of a view that has not begun.
+  void send() {
+    update(b_.input, 0, work_.input, sizeof(ViewInput));
+    update(b_.input, sizeof(ViewInput), work_.parts.data(), work_.parts.size_bytes());
+    std::uint32_t counts[kCountBytes / 4] = {};
+    const std::uint32_t chunks = work_.input->chunks, groups = groups_for(chunks, kScanTile);
+    const std::uint32_t row[] = {std::min(groups, kGroupsX), groups_for(groups, kGroupsX), 1,
+                                 chunks};
+    std::memcpy(counts + (sizeof(Counts) + kWorkScanChunks * kWorkBytes) / 4, row, sizeof(row));
+    update(b_.counts, 0, counts, sizeof(counts));
+    device_.vk.vkCmdFillBuffer(commands_, b_.tile_ranges.handle(), 0, std::uint64_t{8} * tiles(),
+                               0);
+    barrier(device_, commands_);
+  }
+
+  // A set with the buffers, bound.
+  Status bind(std::uint32_t number, VkDescriptorSetLayout layout,
+              std::span<const VkBuffer> buffers) {
+    auto info =
+        structure<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
+    info.descriptorPool = pool_;
+    info.descriptorSetCount = 1;
+    info.pSetLayouts = &layout;
+    VkDescriptorSet set = VK_NULL_HANDLE;
+    STGS_TRY(vk_status(device_.vk.vkAllocateDescriptorSets(device_.handle(), &info, &set),
+                       "making a buffer set"));
+    std::array<VkDescriptorBufferInfo, kFrameBindings> infos{};
+    for (std::size_t i = 0; i < buffers.size(); ++i) infos[i] = {buffers[i], 0, VK_WHOLE_SIZE};
+    auto write = structure<VkWriteDescriptorSet>(VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET);
+    write.dstSet = set;
+    write.descriptorCount = static_cast<std::uint32_t>(buffers.size());
+    write.descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    write.pBufferInfo = infos.data();
+    device_.vk.vkUpdateDescriptorSets(device_.handle(), 1, &write, 0, nullptr);
+    device_.vk.vkCmdBindDescriptorSets(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,
+                                       pipelines_.layout(), number, 1, &set, 0, nullptr);
+    return {};
+  }
+
+  Status bind_frame() {
+    const VkBuffer buffers[kFrameBindings] = {
+        b_.input.handle(),       b_.counts.handle(),      b_.splats[0].handle(),
+        b_.splats[1].handle(),   b_.splats[2].handle(),   b_.chunk_places.handle(),
+        b_.chunk_sums.handle(),  b_.tile_places.handle(), b_.tile_sums.handle(),
+        b_.tile_ranges.handle(), work_.picture,           b_.digit_places.handle(),
+        b_.digit_sums.handle()};
+    return bind(0, pipelines_.frame_set(), buffers);
+  }
+
+  Status stage(const StageBuffers& buffers) { return bind(1, pipelines_.stage_set(), buffers); }
+
+  void use(Shader shader, const Push& push) {
+    device_.vk.vkCmdBindPipeline(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,
+                                 pipelines_.of(shader, work_.sh_degree));
+    device_.vk.vkCmdPushConstants(commands_, pipelines_.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0,
+                                  sizeof(push), &push);
+  }
+
+  void dispatch(Shader shader, const Push& push, std::uint32_t groups) {
+    if (groups == 0) return;
+    use(shader, push);
+    device_.vk.vkCmdDispatch(commands_, std::min(groups, kGroupsX), groups_for(groups, kGroupsX),
+                             1);
+    barrier(device_, commands_);
+  }
+
+  // As many groups as the device has found.
+  void dispatch_found(Shader shader, std::uint32_t work, std::uint32_t shift = 0) {
+    Push push{};
+    push.work = work;
+    push.shift = shift;
+    use(shader, push);
+    device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
+                                     sizeof(Counts) + work * kWorkBytes);
+    barrier(device_, commands_);
+  }
+
+  Status scan(std::uint32_t work, const Buffer& items, const Buffer& sums, std::uint32_t total) {
+    STGS_TRY(stage({items.handle(), sums.handle(), sums.handle(), sums.handle()}));
+    dispatch_found(Shader::kScanItems, work);
+    Push push{};
+    push.work = work;
+    push.total = total;
+    dispatch(Shader::kScanSums, push, 1);
+    return {};
+  }
+
+  Status slice(const SegmentMemory& memory) {
+    for (const BlockParts& one : work_.blocks) {
+      const VkBuffer block = memory.buffer(one.block);
+      STGS_TRY(stage({block, block, block, block}));
+      Push push{};
+      push.first_part = one.first_part;
+      push.part_count = one.parts;
+      push.groups = one.groups;
+      dispatch(Shader::kProject, push, one.groups);
+    }
+    STGS_TRY(scan(kWorkScanChunks, b_.chunk_places, b_.chunk_sums, kTotalVisible));
+    STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
+                    b_.orders[0].handle()}));
+    dispatch(Shader::kCompact, {}, work_.input->chunks);
+    return {};
+  }
+
+  // One pass: from [pass % 2] to the other.
+  Status sort(int pass, const std::array<Buffer, 2>& keys, const std::array<Buffer, 2>& values,
+              std::uint32_t sorted, std::uint32_t scanned) {
+    const std::size_t from = static_cast<std::size_t>(pass) % 2, to = 1 - from;
+    const StageBuffers buffers = {keys[from].handle(), values[from].handle(), keys[to].handle(),
+                                  values[to].handle()};
+    const auto shift = static_cast<std::uint32_t>(8 * pass);
+    STGS_TRY(stage(buffers));
+    dispatch_found(Shader::kSortCount, sorted, shift);
+    STGS_TRY(scan(scanned, b_.digit_places, b_.digit_sums, kTotalOfDigits));
+    STGS_TRY(stage(buffers));
+    dispatch_found(Shader::kSortScatter, sorted, shift);
+    return {};
+  }
+
+  Status bin() {
+    for (int pass = 0; pass < kDepthPasses; ++pass) {
+      STGS_TRY(sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth, kWorkScanDepthDigits));
+    }
+    const StageBuffers listing = {b_.depth_keys[0].handle(), b_.orders[0].handle(),
+                                  b_.tile_keys[0].handle(), b_.tile_splats[0].handle()};
+    STGS_TRY(stage(listing));
+    dispatch_found(Shader::kCountTiles, kWorkCountTiles);
+    STGS_TRY(scan(kWorkScanTiles, b_.tile_places, b_.tile_sums, kTotalInstances));
+    STGS_TRY(stage(listing));
+    dispatch_found(Shader::kListTiles, kWorkListTiles);
+    for (int pass = 0; pass < tile_passes(tiles()); ++pass) {
+      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles, kWorkScanTileDigits));
+    }
+    const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
+    STGS_TRY(stage({keys, keys, keys, keys}));
+    dispatch_found(Shader::kFindRanges, kWorkFindRanges);
+    return {};
+  }
+
+  const Device& device_;
+  const Pipelines& pipelines_;
+  const FrameBuffers& b_;
+  const FrameWork& work_;
+  VkDescriptorPool pool_;
+  VkCommandBuffer commands_;
+};
+
+Status FrameCommands::record(const Device& device, const Pipelines& pipelines,
+                             const SegmentMemory& memory, const FrameBuffers& buffers,
+                             const FrameWork& work, VkCommandBuffer commands) {
+  STGS_TRY(make_room(device, kStageSets + static_cast<std::uint32_t>(work.blocks.size())));
+  return Recorder(device, pipelines, buffers, work, pool_, commands).record(memory);
+}
+
+}  // namespace stgs::player::vulkan

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/pipelines.h"
+
+#include <span>
+#include <vector>
+
+#include "frame_layout.h"
+
+namespace stgs::player::vulkan {
+namespace {
+
+constexpr std::uint32_t kProjectCode[] = {
+#include "project.spv.inc"
+};
+constexpr std::uint32_t kScanItemsCode[] = {
+#include "scan_items.spv.inc"
+};
+constexpr std::uint32_t kScanSumsCode[] = {
+#include "scan_sums.spv.inc"
+};
+constexpr std::uint32_t kCompactCode[] = {
+#include "compact.spv.inc"
+};
+constexpr std::uint32_t kSortCountCode[] = {
+#include "sort_count.spv.inc"
+};
+constexpr std::uint32_t kSortScatterCode[] = {
+#include "sort_scatter.spv.inc"
+};
+constexpr std::uint32_t kSortScatterBallotCode[] = {
+#include "sort_scatter_ballot.spv.inc"
+};
+constexpr std::uint32_t kCountTilesCode[] = {
+#include "count_tiles.spv.inc"
+};
+constexpr std::uint32_t kListTilesCode[] = {
+#include "list_tiles.spv.inc"
+};
+constexpr std::uint32_t kFindRangesCode[] = {
+#include "find_ranges.spv.inc"
+};
+constexpr std::uint32_t kBlendCode[] = {
+#include "blend.spv.inc"
+};
+
+std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
+  switch (shader) {
+    case Shader::kProject:
+      return kProjectCode;
+    case Shader::kScanItems:
+      return kScanItemsCode;
+    case Shader::kScanSums:
+      return kScanSumsCode;
+    case Shader::kCompact:
+      return kCompactCode;
+    case Shader::kSortCount:
+      return kSortCountCode;
+    case Shader::kSortScatter:
+      if (ballot) return kSortScatterBallotCode;
+      return kSortScatterCode;
+    case Shader::kCountTiles:
+      return kCountTilesCode;
+    case Shader::kListTiles:
+      return kListTilesCode;
+    case Shader::kFindRanges:
+      return kFindRangesCode;
+    default:
+      return kBlendCode;
+  }
+}
+
+}  // namespace
+
+Pipelines::~Pipelines() {
+  if (device_ == nullptr) return;
+  const auto& vk = device_->vk;
+  for (const auto& degree : pipelines_) {
+    for (const VkPipeline pipeline : degree) {
+      vk.vkDestroyPipeline(device_->handle(), pipeline, nullptr);
+    }
+  }
+  vk.vkDestroyPipelineLayout(device_->handle(), layout_, nullptr);
+  for (const VkDescriptorSetLayout set : sets_) {
+    vk.vkDestroyDescriptorSetLayout(device_->handle(), set, nullptr);
+  }
+}
+
+Status Pipelines::create(const Device& device, int sh_degree) {
+  if (layout_ == VK_NULL_HANDLE) STGS_TRY(make_layout(device));
+  auto& pipelines = pipelines_[static_cast<std::size_t>(sh_degree)];
+  for (std::size_t i = 0; i < kShaders; ++i) {
+    if (pipelines[i] != VK_NULL_HANDLE) continue;
+    STGS_TRY(make(device, static_cast<Shader>(i), sh_degree, &pipelines[i]));
+  }
+  return {};
+}
+
+Status Pipelines::make_layout(const Device& device) {
+  device_ = &device;
+  const std::uint32_t counts[] = {kFrameBindings, kStageBindings};
+  for (std::size_t set = 0; set < sets_.size(); ++set) {
+    std::vector<VkDescriptorSetLayoutBinding> bindings;
+    for (std::uint32_t i = 0; i < counts[set]; ++i) {
+      bindings.push_back(
+          {i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+    }
+    auto info = structure<VkDescriptorSetLayoutCreateInfo>(
+        VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
+    info.bindingCount = counts[set];
+    info.pBindings = bindings.data();
+    STGS_TRY(vk_status(
+        device.vk.vkCreateDescriptorSetLayout(device.handle(), &info, nullptr, &sets_[set]),
+        "creating a layout of buffers"));
+  }
+  const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof(Push)};
+  auto info = structure<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
+  info.setLayoutCount = 2;
+  info.pSetLayouts = sets_.data();
+  info.pushConstantRangeCount = 1;
+  info.pPushConstantRanges = &push;
+  return vk_status(device.vk.vkCreatePipelineLayout(device.handle(), &info, nullptr, &layout_),
+                   "creating a layout of shaders");
+}
+
+Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const {
+  const std::uint32_t lanes = device.ballot_lanes();
+  const std::span<const std::uint32_t> code = code_of(shader, lanes != 0);
+  auto module_info =
+      structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
+  module_info.codeSize = code.size_bytes();
+  module_info.pCode = code.data();
+  VkShaderModule module = VK_NULL_HANDLE;
+  STGS_TRY(
+      vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
+                "loading a shader"));
+  const auto number = shader == Shader::kProject ? static_cast<std::uint32_t>(sh_degree) : lanes;
+  const VkSpecializationMapEntry entry{0, 0, sizeof(number)};
+  const VkSpecializationInfo constants{1, &entry, sizeof(number), &number};
+  auto info =
+      structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
+  info.stage = structure<VkPipelineShaderStageCreateInfo>(
+      VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO);
+  info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
+  info.stage.module = module;
+  info.stage.pName = "main";
+  if (shader == Shader::kProject || (shader == Shader::kSortScatter && lanes != 0)) {
+    info.stage.pSpecializationInfo = &constants;
+  }
+  info.layout = layout_;
+  const VkResult result =
+      device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);
+  device.vk.vkDestroyShaderModule(device.handle(), module, nullptr);
+  return vk_status(result, "compiling a shader");
+}
+
+}  // namespace stgs::player::vulkan

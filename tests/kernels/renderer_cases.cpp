@@ -1,0 +1,386 @@
+// SPDX-License-Identifier: Apache-2.0
+// A device's renderer against the CPU renderer (spec/representation.md, 7.2).
+#include <catch2/catch.hpp>
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <thread>
+
+#include "frame_difference.h"
+#include "renderer_under_test.h"
+#include "scene_fixture.h"
+#include "stgs/player/player.h"
+#include "stgs/player/renderer.h"
+
+using namespace stgs;
+using namespace stgs::player;
+using namespace stgs::testing;
+
+namespace {
+
+constexpr std::uint32_t kFrames = 60;
+
+void check(const Status& status) {
+  INFO(status.message());
+  REQUIRE(status.ok());
+}
+
+std::unique_ptr<Renderer> device_renderer(const UnderTest& settings = {}) {
+  auto renderer = make_renderer_under_test(settings);
+  check(renderer.status());
+  return std::move(*renderer);
+}
+
+std::unique_ptr<Renderer> cpu_renderer() {
+  return std::move(*make_renderer("cpu"));
+}
+
+std::unique_ptr<Timeline> timeline_over(const Scene& scene, double chunk_seconds = 0.3,
+                                        std::uint64_t budget = kDefaultMemoryBudget) {
+  WriteSettings settings;
+  settings.chunk_seconds = chunk_seconds;
+  auto bytes = encode_scene(scene, settings);
+  check(bytes.status());
+  auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+  check(reader.status());
+  return Timeline::over(std::move(*reader), "the scene", budget);
+}
+
+// Looks along z from the origin, a little askew, at what scene_fixture.h puts there.
+View view_of(int width, int height) {
+  View view{};
+  view.camera.rotation = math::rotation_of({0.99f, 0.02f, -0.05f, 0.03f});
+  view.camera.translation = {0.1f, -0.05f, 0.2f};
+  view.camera.width = static_cast<float>(width);
+  view.camera.height = static_cast<float>(height);
+  view.camera.fx = 0.9f * static_cast<float>(std::max(width, height));
+  view.camera.fy = 1.01f * view.camera.fx;
+  view.camera.cx = 0.51f * view.camera.width;
+  view.camera.cy = 0.48f * view.camera.height;
+  view.camera.near_plane = 0.2f;
+  view.background = {0.2f, 0.5f, 0.7f};
+  return view;
+}
+
+std::vector<Frame> draw(Renderer& renderer, Timeline& timeline, double seconds,
+                        const std::vector<View>& views, RenderStats* stats = nullptr) {
+  std::vector<Frame> frames;
+  check(renderer.render(timeline, seconds, views, frames, stats));
+  REQUIRE(frames.size() == views.size());
+  return frames;
+}
+
+void check_alike(Timeline& timeline, double seconds, const std::vector<View>& views,
+                 Renderer& device) {
+  const auto cpu = cpu_renderer();
+  RenderStats expected, found;
+  const std::vector<Frame> a = draw(*cpu, timeline, seconds, views, &expected);
+  const std::vector<Frame> b = draw(device, timeline, seconds, views, &found);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const FrameDifference d = difference(a[i], b[i]);
+    INFO(views[i].camera.width << "x" << views[i].camera.height << " at " << seconds
+                               << " s: " << d.text());
+    CHECK(d.agrees());
+  }
+  const auto near = [](std::size_t x, std::size_t y) {
+    return std::max(x, y) - std::min(x, y) <= 2 + x / 1000;
+  };
+  INFO("alive " << found.alive << " for " << expected.alive << ", drawn " << found.drawn << " for "
+                << expected.drawn);
+  CHECK(near(expected.alive, found.alive));
+  CHECK(near(expected.drawn, found.drawn));
+}
+
+bool same(const Frame& a, const Frame& b) {
+  return a.colour.data == b.colour.data && a.alpha.data == b.alpha.data &&
+         a.depth.data == b.depth.data;
+}
+
+// One primitive that covers the middle of the view and lives through the clip.
+Scene plain_scene(std::size_t n) {
+  Scene scene = random_scene(n, 0, kFrames, 77);
+  Gaussians4D& set = scene.gaussians;
+  std::fill(set.velocity.begin(), set.velocity.end(), 0.0f);
+  std::fill(set.sigma.begin(), set.sigma.end(), 1000.0f);
+  std::fill(set.opacity_logit.begin(), set.opacity_logit.end(), 2.0f);
+  return scene;
+}
+
+}  // namespace
+
+TEST_CASE("random scenes of every degree and size look like the CPU's") {
+  const auto device = device_renderer();
+  const int sizes[][2] = {{1, 1}, {16, 16}, {17, 33}, {101, 67}, {333, 211}};
+  for (int degree = 0; degree <= 3; ++degree) {
+    const Scene scene =
+        random_scene(3000 + 57 * static_cast<std::size_t>(degree), degree, kFrames, 20 + degree);
+    const auto timeline = timeline_over(scene);
+    for (const auto& size : sizes)
+      check_alike(*timeline, 0.97, {view_of(size[0], size[1])}, *device);
+  }
+}
+
+TEST_CASE("both ends of the time, moments beyond them, and those between frames are as the CPU's") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(4000, 1, kFrames, 5));
+  const double length = timeline->duration_seconds();
+  for (const double seconds :
+       {0.0, length, 1e-9, length - 1e-9, 0.5 / 30, 1.2345, -0.5, length + 3}) {
+    check_alike(*timeline, seconds, {view_of(128, 72)}, *device);
+  }
+}
+
+TEST_CASE("a part far into a long timeline looks the same") {
+  constexpr std::uint32_t kLate = 1 << 20;
+  Scene scene = random_scene(2000, 1, kFrames, 3);
+  scene.metadata.time_base = {1, 1};
+  scene.metadata.frames = kLate + kFrames;
+  scene.parts = {{double(kLate), double(kLate) + kFrames, scene.gaussians.size()}};
+  const auto timeline = timeline_over(scene, 8);
+  const auto device = device_renderer();
+  for (const double moment : {0.0, 7.3, 44.001, 59.5}) {
+    check_alike(*timeline, kLate + moment, {view_of(96, 64)}, *device);
+  }
+}
+
+TEST_CASE("primitives behind the camera, near it, and of extreme shapes are as the CPU's") {
+  const auto device = device_renderer();
+  using Change = std::function<void(Gaussians4D&, std::size_t)>;
+  const std::pair<const char*, Change> changes[] = {
+      {"behind",
+       [](Gaussians4D& s, std::size_t i) { s.position[3 * i + 2] -= i % 3 ? 12.0f : 5.0f; }},
+      {"near",
+       [](Gaussians4D& s, std::size_t i) {
+         for (int c = 0; c < 3; ++c) s.position[3 * i + c] *= 0.05f;
+       }},
+      {"large",
+       [](Gaussians4D& s, std::size_t i) {
+         if (i % 50 == 0) s.log_scale[3 * i] = s.log_scale[3 * i + 1] = 2.0f;
+       }},
+      {"needles",
+       [](Gaussians4D& s, std::size_t i) {
+         s.log_scale[3 * i] = 0.5f;
+         s.log_scale[3 * i + 1] = s.log_scale[3 * i + 2] = -9.0f;
+       }},
+      {"points",
+       [](Gaussians4D& s, std::size_t i) {
+         for (int c = 0; c < 3; ++c) s.log_scale[3 * i + c] = i % 2 ? -20.0f : -60.0f;
+       }},
+      {"faint",
+       [](Gaussians4D& s, std::size_t i) { s.opacity_logit[i] = -5.6f + 0.2f * float(i % 5); }},
+      {"opaque", [](Gaussians4D& s, std::size_t i) { s.opacity_logit[i] = 40.0f; }},
+      {"brief",
+       [](Gaussians4D& s, std::size_t i) {
+         s.sigma[i] = 1e-4f;
+         s.radius[i] = i % 2 ? 0.0f : 30.0f;
+       }},
+      {"fast", [](Gaussians4D& s, std::size_t i) { s.velocity[3 * i] = 40.0f; }},
+      {"far",
+       [](Gaussians4D& s, std::size_t i) {
+         if (i % 4 != 0) return;
+         s.position[3 * i + 2] = 1e12f;
+         s.log_scale[3 * i] = 25.0f;
+       }},
+      {"one depth",
+       [](Gaussians4D& s, std::size_t i) {
+         for (int c = 0; c < 3; ++c) s.position[3 * i + c] = s.position[3 * (i % 7) + c];
+       }},
+      {"vivid",
+       [](Gaussians4D& s, std::size_t i) {
+         for (std::size_t k = 0; k < 12; ++k) s.sh[12 * i + k] *= 20.0f;
+       }},
+  };
+  for (const auto& [name, change] : changes) {
+    INFO(name);
+    Scene scene = random_scene(1500, 1, kFrames, 9);
+    for (std::size_t i = 0; i < scene.gaussians.size(); ++i) change(scene.gaussians, i);
+    const auto timeline = timeline_over(scene);
+    check_alike(*timeline, 1.0, {view_of(141, 93)}, *device);
+  }
+}
+
+TEST_CASE("a scene in which nothing is seen is the background") {
+  const auto device = device_renderer();
+  Scene scene = random_scene(300, 2, kFrames, 4);
+  for (std::size_t i = 0; i < scene.gaussians.size(); ++i)
+    scene.gaussians.position[3 * i + 2] = -50;
+  const View view = view_of(40, 30);
+  for (int kind = 0; kind < 3; ++kind) {
+    if (kind == 1)
+      std::fill(scene.gaussians.opacity_logit.begin(), scene.gaussians.opacity_logit.end(), -20.0f);
+    if (kind == 2) scene.gaussians.resize(0);
+    const auto timeline = timeline_over(scene);
+    RenderStats stats;
+    const std::vector<Frame> frames = draw(*device, *timeline, 0.5, {view}, &stats);
+    CHECK(stats.drawn == 0);
+    CHECK(frames[0].colour.plane(0)[7] == view.background.x);
+    CHECK(frames[0].colour.plane(2)[40 * 30 - 1] == view.background.z);
+    for (const float a : frames[0].alpha.data) REQUIRE(a == 0.0f);
+    for (const float d : frames[0].depth.data) REQUIRE(d == 0.0f);
+  }
+}
+
+TEST_CASE("several views of a moment have the bits of the views one by one") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(2500, 3, kFrames, 8));
+  std::vector<View> views = {view_of(64, 48), view_of(201, 32), view_of(64, 48), view_of(5, 97)};
+  views[2].camera.translation.x += 0.3f;
+  check_alike(*timeline, 1.1, views, *device);
+  const std::vector<Frame> together = draw(*device, *timeline, 1.1, views);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    CHECK(same(draw(*device, *timeline, 1.1, {views[i]})[0], together[i]));
+  }
+}
+
+TEST_CASE("pictures do not depend on runs, variants, or what was drawn before") {
+  const auto one = device_renderer();
+  const auto variant = device_renderer({.variant = true});
+  const auto timeline = timeline_over(random_scene(6000, 2, kFrames, 12));
+  const auto other = timeline_over(random_scene(500, 0, kFrames, 13));
+  const View view = view_of(160, 90);
+  std::vector<Frame> first;
+  for (int k = 0; k < 6; ++k) first.push_back(draw(*one, *timeline, 0.3 * k, {view})[0]);
+  draw(*one, *other, 0.1, {view_of(31, 200)});
+  for (int k = 5; k >= 0; --k) {
+    CHECK(same(draw(*one, *timeline, 0.3 * k, {view})[0], first[static_cast<std::size_t>(k)]));
+    CHECK(same(draw(*variant, *timeline, 0.3 * k, {view})[0], first[static_cast<std::size_t>(k)]));
+  }
+}
+
+TEST_CASE("a frame with more instances than there is room for is drawn again") {
+  const auto roomy = device_renderer();
+  const auto tight = device_renderer({.instances = 100});
+  const auto timeline = timeline_over(plain_scene(2000));
+  for (const int width : {100, 333, 50}) {
+    const View view = view_of(width, 150);
+    CHECK(same(draw(*roomy, *timeline, 1.0, {view})[0], draw(*tight, *timeline, 1.0, {view})[0]));
+  }
+}
+
+TEST_CASE("a view that needs more tiles than a frame can list is refused as by the CPU",
+          "[large]") {
+  Scene scene = plain_scene(300);
+  std::fill(scene.gaussians.log_scale.begin(), scene.gaussians.log_scale.end(), 6.0f);
+  std::fill(scene.gaussians.opacity_logit.begin(), scene.gaussians.opacity_logit.end(), 5.0f);
+  const auto timeline = timeline_over(scene);
+  const auto device = device_renderer();
+  View view = view_of(8192, 8192);
+  view.camera.near_plane = 0.01f;
+  const Status status = device->draw(*timeline, 1.5, {view}, nullptr);
+  INFO(status.message());
+  CHECK(status.code() == StatusCode::kRuntime);
+  CHECK(status.message().find("2^26") != std::string::npos);
+  draw(*device, *timeline, 1.5, {view_of(64, 64)});
+}
+
+TEST_CASE("segments come and go within the timeline's budget") {
+  const Scene scene = random_scene(6000, 1, kFrames, 21);
+  const auto ample = timeline_over(scene);
+  const auto tight = timeline_over(scene, 0.3, 600'000);
+  const auto one = device_renderer(), other = device_renderer();
+  const View view = view_of(90, 60);
+  std::size_t most = 0;
+  for (std::uint32_t k = 0, i = 11; k < kFrames; ++k, i = (i + 37) % kFrames) {
+    RenderStats stats;
+    const std::vector<Frame> a = draw(*one, *ample, i / 30.0, {view});
+    CHECK(same(a[0], draw(*other, *tight, i / 30.0, {view}, &stats)[0]));
+    most = std::max(most, stats.stored);
+  }
+  CHECK(most < scene.gaussians.size());
+  const auto hopeless = timeline_over(scene, 0.3, 1000);
+  const Status status = one->draw(*hopeless, 1.0, {view}, nullptr);
+  CHECK(status.code() == StatusCode::kRuntime);
+  CHECK(status.message().find("budget") != std::string::npos);
+}
+
+TEST_CASE("damaged segments are passed over, or refused, as by the CPU") {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.chunk_seconds = 0.3;
+  auto bytes = encode_scene(random_scene(4000, 2, kFrames, 51), settings);
+  check(bytes.status());
+  const auto whole = SceneReader::open(memory_source(*bytes));
+  check(whole.status());
+  const auto& segments = (*whole)->segments();
+  REQUIRE(segments.size() > 6);
+  for (std::size_t k = 0; k < segments.size(); k += 3) {
+    const SegmentInfo& s = segments[k];
+    const std::uint64_t at = k % 2 == 0 && s.harmonics_bytes > 0
+                                 ? s.harmonics_offset + s.harmonics_bytes / 2
+                                 : s.offset + (s.bytes - s.harmonics_bytes) / 2;
+    (*bytes)[at] ^= 0x55;
+  }
+  for (const Damaged damaged : {Damaged::kPassOver, Damaged::kRefuse}) {
+    std::vector<Frame> frames[2];
+    Status status[2];
+    std::size_t losses[2];
+    for (int k = 0; k < 2; ++k) {
+      auto reader = SceneReader::open(memory_source(*bytes));
+      check(reader.status());
+      const auto timeline =
+          Timeline::over(std::move(*reader), "the scene", kDefaultMemoryBudget, damaged);
+      const auto renderer = k == 0 ? cpu_renderer() : device_renderer();
+      status[k] = renderer->render(*timeline, 1.0, {view_of(120, 80)}, frames[k], nullptr);
+      losses[k] = timeline->losses().size();
+    }
+    CHECK(status[0].code() == status[1].code());
+    CHECK(losses[0] == losses[1]);
+    CHECK((losses[0] > 0) == (damaged == Damaged::kPassOver));
+    if (status[0].ok() && status[1].ok()) {
+      const FrameDifference d = difference(frames[0][0], frames[1][0]);
+      INFO(d.text());
+      CHECK(d.agrees());
+    }
+  }
+}
+
+TEST_CASE("a scene that is still coming is drawn as far as it is there") {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  auto bytes = encode_scene(random_scene(5000, 2, kFrames, 61), settings);
+  check(bytes.status());
+  auto player = Player::over(memory_source(std::move(*bytes)));
+  check(player.status());
+  Timeline& timeline = (*player)->timeline();
+  const auto device = device_renderer();
+  check((*player)->seek(1.0));
+  for (int k = 0; (*player)->layers() < (*player)->layers_of_file(); ++k) {
+    REQUIRE(k < 2000);
+    draw(*device, timeline, 1.0, {view_of(60, 40)});
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  check_alike(timeline, 1.0, {view_of(160, 90)}, *device);
+}
+
+TEST_CASE("quantised scenes look like the CPU's") {
+  const auto device = device_renderer();
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  auto bytes = encode_scene(random_scene(20000, 3, kFrames, 31), settings);
+  check(bytes.status());
+  auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+  check(reader.status());
+  const auto timeline = Timeline::over(std::move(*reader));
+  check_alike(*timeline, 1.3, {view_of(320, 180)}, *device);
+}
+
+TEST_CASE("a large picture of many primitives looks like the CPU's", "[large]") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(400000, 3, kFrames, 41), 0.5);
+  check_alike(*timeline, 0.7, {view_of(1920, 1080)}, *device);
+  check_alike(*timeline, 1.4, {view_of(3840, 2160)}, *device);
+}
+
+TEST_CASE("what cannot be drawn is refused, and the renderer goes on") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(100, 0, kFrames, 2));
+  const View view = view_of(32, 32);
+  CHECK(device->draw(*timeline, 0, {}, nullptr).code() == StatusCode::kUsage);
+  CHECK(device->draw(*timeline, 0, {view, view, view, view, view}, nullptr).code() ==
+        StatusCode::kUsage);
+  CHECK(device->draw(*timeline, NAN, {view}, nullptr).code() == StatusCode::kUsage);
+  std::vector<Frame> frames(3);
+  check(device->read(frames));
+  CHECK(frames.empty());
+  draw(*device, *timeline, 0, {view});
+}
