@@ -15,14 +15,13 @@ shared vec4 stage_a[kGroup], stage_b[kGroup], stage_c[kGroup];
 shared uint unfinished[2];  // pixels, in turns
 
 void write_pixel(uint x, uint y, vec4 sums, float t) {
-  uint plane = uint(view.width) * uint(view.height);
   uint to = y * uint(view.width) + x;
   float alpha = 1.0f - t;
-  picture[to] = fma(t, view.background.x, sums.x);
-  picture[to + plane] = fma(t, view.background.y, sums.y);
-  picture[to + 2u * plane] = fma(t, view.background.z, sums.z);
-  picture[to + 3u * plane] = alpha;
-  picture[to + 4u * plane] = alpha > 0.0f ? sums.w / alpha : 0.0f;
+  red_plane[to] = fma(t, view.background.x, sums.x);
+  green_plane[to] = fma(t, view.background.y, sums.y);
+  blue_plane[to] = fma(t, view.background.z, sums.z);
+  alpha_plane[to] = alpha;
+  depth_plane[to] = alpha > 0.0f ? sums.w / alpha : 0.0f;
 }
 
 void main() {

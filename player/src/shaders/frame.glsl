@@ -40,14 +40,27 @@ layout(std430, set = 0, binding = 8) buffer TileSumBuffer {
 layout(std430, set = 0, binding = 9) buffer RangeBuffer {
   uvec2 tile_ranges[];  // of a tile: first and last + 1 of its instances
 };
-layout(std430, set = 0, binding = 10) buffer PictureBuffer {
-  float picture[];  // planes: 3 colours, alpha, depth
-};
-layout(std430, set = 0, binding = 11) buffer DigitPlaceBuffer {
+layout(std430, set = 0, binding = 10) buffer DigitPlaceBuffer {
   uint digit_places[];
 };
-layout(std430, set = 0, binding = 12) buffer DigitSumBuffer {
+layout(std430, set = 0, binding = 11) buffer DigitSumBuffer {
   uint digit_sums[];
+};
+// The picture, a plane each: of a large one, not all fit a storage buffer together.
+layout(std430, set = 0, binding = 12) writeonly buffer RedBuffer {
+  float red_plane[];
+};
+layout(std430, set = 0, binding = 13) writeonly buffer GreenBuffer {
+  float green_plane[];
+};
+layout(std430, set = 0, binding = 14) writeonly buffer BlueBuffer {
+  float blue_plane[];
+};
+layout(std430, set = 0, binding = 15) writeonly buffer AlphaBuffer {
+  float alpha_plane[];
+};
+layout(std430, set = 0, binding = 16) writeonly buffer DepthBuffer {
+  float depth_plane[];
 };
 
 layout(push_constant) uniform PushBlock {

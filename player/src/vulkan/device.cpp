@@ -11,7 +11,7 @@ namespace stgs::player::vulkan {
 namespace {
 
 constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
-constexpr std::uint32_t kStorageBuffers = 17;  // of a shader's layout
+constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 

@@ -124,7 +124,7 @@ class FrameCommands::Recorder {
 
   // A set with the buffers, bound.
   Status bind(std::uint32_t number, VkDescriptorSetLayout layout,
-              std::span<const VkBuffer> buffers) {
+              std::span<const VkDescriptorBufferInfo> buffers) {
     auto info =
         structure<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
     info.descriptorPool = pool_;
@@ -133,13 +133,12 @@ class FrameCommands::Recorder {
     VkDescriptorSet set = VK_NULL_HANDLE;
     STGS_TRY(vk_status(device_.vk.vkAllocateDescriptorSets(device_.handle(), &info, &set),
                        "making a buffer set"));
-    std::array<VkDescriptorBufferInfo, kFrameBindings> infos{};
-    for (std::size_t i = 0; i < buffers.size(); ++i) infos[i] = {buffers[i], 0, VK_WHOLE_SIZE};
     auto write = structure<VkWriteDescriptorSet>(VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET);
     write.dstSet = set;
+    // More than the first binding has go on in those that follow.
     write.descriptorCount = static_cast<std::uint32_t>(buffers.size());
     write.descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
-    write.pBufferInfo = infos.data();
+    write.pBufferInfo = buffers.data();
     device_.vk.vkUpdateDescriptorSets(device_.handle(), 1, &write, 0, nullptr);
     device_.vk.vkCmdBindDescriptorSets(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,
                                        pipelines_.layout(), number, 1, &set, 0, nullptr);
@@ -147,16 +146,23 @@ class FrameCommands::Recorder {
   }
 
   Status bind_frame() {
-    const VkBuffer buffers[kFrameBindings] = {
-        b_.input.handle(),       b_.counts.handle(),      b_.splats[0].handle(),
-        b_.splats[1].handle(),   b_.splats[2].handle(),   b_.chunk_places.handle(),
-        b_.chunk_sums.handle(),  b_.tile_places.handle(), b_.tile_sums.handle(),
-        b_.tile_ranges.handle(), work_.picture,           b_.digit_places.handle(),
-        b_.digit_sums.handle()};
-    return bind(0, pipelines_.frame_set(), buffers);
+    std::vector<VkDescriptorBufferInfo> infos;
+    for (const Buffer* buffer : {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2],
+                                 &b_.chunk_places, &b_.chunk_sums, &b_.tile_places, &b_.tile_sums,
+                                 &b_.tile_ranges, &b_.digit_places, &b_.digit_sums}) {
+      infos.push_back({buffer->handle(), 0, VK_WHOLE_SIZE});
+    }
+    for (std::uint32_t plane = 0; plane < kPlanes; ++plane) {
+      infos.push_back({work_.picture, plane * work_.plane_bytes, work_.plane_bytes});
+    }
+    return bind(0, pipelines_.frame_set(), infos);
   }
 
-  Status stage(const StageBuffers& buffers) { return bind(1, pipelines_.stage_set(), buffers); }
+  Status stage(const StageBuffers& buffers) {
+    std::array<VkDescriptorBufferInfo, kStageBindings> infos{};
+    for (std::size_t i = 0; i < infos.size(); ++i) infos[i] = {buffers[i], 0, VK_WHOLE_SIZE};
+    return bind(1, pipelines_.stage_set(), infos);
+  }
 
   void use(Shader shader, const Push& push) {
     device_.vk.vkCmdBindPipeline(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,

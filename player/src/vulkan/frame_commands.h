@@ -22,11 +22,13 @@ struct FrameWork {
   std::span<const Part> parts;  // those of a block side by side
   std::span<const BlockParts> blocks;
   int sh_degree;
-  VkBuffer picture;   // 5 planes of floats
-  VkBuffer told;      // where the Counts go, for the host
-  VkQueryPool times;  // kTimes of them; null where there are none
+  VkBuffer picture;           // kPlanes planes of floats
+  std::uint64_t plane_bytes;  // from one to the next
+  VkBuffer told;              // where the Counts go, for the host
+  VkQueryPool times;          // kTimes of them; null where there are none
 };
-inline constexpr std::uint32_t kTimes = 4;  // begin, sliced, binned, blended
+inline constexpr std::uint32_t kPlanes = 5;  // red, green, blue, alpha, depth
+inline constexpr std::uint32_t kTimes = 4;   // begin, sliced, binned, blended
 
 // The sets of buffers that a view's commands use; one command buffer at a time.
 class FrameCommands {

@@ -9,7 +9,7 @@
 
 namespace stgs::player::vulkan {
 
-inline constexpr std::uint32_t kFrameBindings = 13, kStageBindings = 4;
+inline constexpr std::uint32_t kFrameBindings = 17, kStageBindings = 4;
 inline constexpr int kDegrees = 4;
 
 enum class Shader {

@@ -24,7 +24,7 @@ using Clock = std::chrono::steady_clock;
 // Of splats in tiles, for each splat that there can be; a first guess.
 constexpr std::uint64_t kInstancesEach = 4;
 constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 18;
-constexpr std::uint64_t kPlanes = 5;  // of a picture: red, green, blue, alpha, depth
+constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
 
 int tiles_along(int pixels) {
   return (pixels + kTilePixels - 1) / kTilePixels;
@@ -34,10 +34,13 @@ int tiles_along(int pixels) {
 struct Slot {
   int width = 0, height = 0;
   Buffer picture;
-  std::uint64_t picture_bytes() const {
-    return kPlanes * sizeof(float) * static_cast<std::uint64_t>(width) *
-           static_cast<std::uint64_t>(height);
+  std::uint64_t pixels() const {
+    return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   }
+  std::uint64_t plane_bytes() const {
+    return (sizeof(float) * pixels() + kPlaneAlign - 1) / kPlaneAlign * kPlaneAlign;
+  }
+  std::uint64_t picture_bytes() const { return kPlanes * plane_bytes(); }
 };
 
 class VulkanRenderer final : public Renderer {
@@ -160,14 +163,13 @@ class VulkanRenderer final : public Renderer {
                    Slot& slot) {
     slot.width = static_cast<int>(std::lround(view.camera.width));
     slot.height = static_cast<int>(std::lround(view.camera.height));
-    if (slot.picture_bytes() > device_.most_range()) {
+    if (slot.plane_bytes() > device_.most_range()) {
       return unsupported(
           "a picture of {}x{} pixels is larger than the Vulkan device's storage buffers ({} MiB); "
           "use --backend cpu",
           slot.width, slot.height, device_.most_range() >> 20);
     }
-    STGS_TRY(
-        slot.picture.ensure(device_, slot.picture_bytes(), Place::kDevice, device_.most_range()));
+    STGS_TRY(slot.picture.ensure(device_, slot.picture_bytes(), Place::kDevice));
     const std::uint64_t most = FrameBuffers::most_instances(device_);
     FrameNeed need;
     need.chunks = chunks_;
@@ -182,8 +184,9 @@ class VulkanRenderer final : public Renderer {
     for (;;) {
       STGS_TRY(buffers_.ensure(device_, need));
       const ViewInput input = input_of(view, slot);
-      const FrameWork work{&input,         parts_, blocks_, degree, slot.picture.handle(),
-                           told_.handle(), times_};
+      const FrameWork work{
+          &input,         parts_, blocks_, degree, slot.picture.handle(), slot.plane_bytes(),
+          told_.handle(), times_};
       VkCommandBuffer commands = VK_NULL_HANDLE;
       STGS_TRY(device_.begin(&commands));
       STGS_TRY(commands_.record(device_, pipelines_, segments_.memory(), buffers_, work, commands));
@@ -229,9 +232,10 @@ class VulkanRenderer final : public Renderer {
     frame.depth.reshape(slot.width, slot.height, 1);
     const std::uint8_t* from = read_back_.mapped();
     for (Image* image : {&frame.colour, &frame.alpha, &frame.depth}) {
-      const std::size_t bytes = sizeof(float) * image->data.size();
-      std::memcpy(image->data.data(), from, bytes);
-      from += bytes;
+      for (std::size_t at = 0; at < image->data.size(); at += slot.pixels()) {
+        std::memcpy(image->data.data() + at, from, sizeof(float) * slot.pixels());
+        from += slot.plane_bytes();
+      }
     }
     return {};
   }
