@@ -19,6 +19,12 @@ def built_in(part):
     return part in re.search(r"built in:(.*)", text).group(1).split()
 
 
+def draws_with(backend):
+    """Whether `stgs --version` lists a backend that renders."""
+    text = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout
+    return backend in re.search(r"renders with:(.*)", text).group(1).split()
+
+
 class CliTest(unittest.TestCase):
     """A test in a folder of its own, self.work, which is the working directory of its runs."""
 

@@ -6,7 +6,7 @@ import shlex
 import unittest
 
 import harness
-from harness import CliTest
+from harness import CliTest, draws_with
 
 USAGE = 1
 
@@ -87,6 +87,7 @@ class Usage(CliTest):
         self.assertEqual(result.stdout, b"")
         self.assertIn(b"evaluate", result.stderr)
 
+    @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
     def test_what_is_not_built_in_says_so(self):
         self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",
                    self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--backend", "vulkan")

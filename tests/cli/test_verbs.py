@@ -13,6 +13,24 @@ from harness import CliTest
 USAGE = 1
 
 
+class Backends(CliTest):
+    @unittest.skipIf(os.environ.get("STGS_SANITIZE"), "drivers leave memory behind")
+    def test_vulkan_draws_what_the_processor_draws(self):
+        if not harness.draws_with("vulkan"):
+            self.skipTest("Vulkan is not built in")
+        tiny = self.fixture("tiny.stgs")
+        draw = ["render", tiny, "--time", "0.05", "--backend"]
+        result = self.stgs(*draw, "vulkan", "-o", "vulkan.png")
+        if result.returncode == 5:
+            self.assertIn(b"use --backend cpu", result.stderr)
+            self.skipTest("there is no Vulkan device")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.succeeds(*draw, "cpu", "-o", "cpu.png")
+        self.succeeds("compare", "cpu.png", "vulkan.png", "--min-psnr", "50")
+        drawn = self.json_of("bench", tiny, "--pictures", "2", "--backend", "vulkan")
+        self.assertEqual(drawn["backend"], "vulkan")
+
+
 class Reading(CliTest):
     def test_info(self):
         info = self.json_of("info", self.fixture("tiny.stgs"))
