@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending, nearest first: a workgroup a tile, a pixel an invocation. The tile's list goes through
-// shared memory kGroup splats at a time until no pixel lets light through.
+// shared memory kGroup splats at a time until no pixel lets light through. Of each batch a block of
+// pixels goes through the splats alone whose ellipse meets it; blocks are invocations side by side,
+// so that subgroups of up to 32 agree on what they skip.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
+#include "footprint.glsl"
 #include "stgs/format/math/blend.h"
 
 layout(local_size_x = 256) in;
@@ -13,6 +16,11 @@ layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
 
 shared vec4 stage_a[kGroup], stage_b[kGroup], stage_c[kGroup];
 shared uint unfinished[2];  // pixels, in turns
+
+const uint kBlocks = 8u;               // of a tile, two beside and four below each other
+const uvec2 kBlock = uvec2(8u, 4u);    // pixels
+const uint kWords = kGroup / 32u;
+shared uint hits[kBlocks * kWords];    // of a block, a bit a splat of the stage
 
 void write_pixel(uint x, uint y, vec4 sums, float t) {
   uint to = y * uint(view.width) + x;
@@ -24,12 +32,26 @@ void write_pixel(uint x, uint y, vec4 sums, float t) {
   depth_plane[to] = alpha > 0.0f ? sums.w / alpha : 0.0f;
 }
 
+// Whether the splats of the stage meet the blocks.
+void find_hits(uint thread, vec4 a, vec4 b, vec2 tile) {
+  for (uint block = 0u; block < kBlocks; ++block) {
+    vec2 low = tile + vec2(uvec2(block % 2u, block / 2u) * kBlock) + 0.5f;
+    vec2 high = low + vec2(kBlock) - 1.0f;
+    if (meets(a, b, low, high)) {
+      atomicOr(hits[block * kWords + thread / 32u], 1u << (thread % 32u));
+    }
+  }
+}
+
 void main() {
-  uint thread = gl_LocalInvocationIndex;
-  uint x = gl_WorkGroupID.x * uint(kTilePixels) + thread % uint(kTilePixels);
-  uint y = gl_WorkGroupID.y * uint(kTilePixels) + thread / uint(kTilePixels);
-  bool inside = x < uint(view.width) && y < uint(view.height);
-  vec2 centre = vec2(float(x) + 0.5f, float(y) + 0.5f);
+  uint thread = gl_LocalInvocationIndex, block = thread / 32u;
+  // Within a block, four invocations are a square and sixteen are four.
+  uvec2 at_block = uvec2(thread & 1u | thread >> 1u & 2u | thread >> 2u & 4u,
+                         thread >> 1u & 1u | thread >> 2u & 2u);
+  uvec2 corner = gl_WorkGroupID.xy * uint(kTilePixels);
+  uvec2 at_pixel = corner + uvec2(block % 2u, block / 2u) * kBlock + at_block;
+  bool inside = at_pixel.x < uint(view.width) && at_pixel.y < uint(view.height);
+  vec2 centre = vec2(at_pixel) + 0.5f;
   uvec2 range = tile_ranges[gl_WorkGroupID.y * uint(view.tiles_x) + gl_WorkGroupID.x];
   bool finished = !inside;
   vec4 sums = vec4(0.0f);
@@ -40,31 +62,39 @@ void main() {
     barrier();  // the stage of before has been read
     if (!finished) atomicOr(unfinished[turn], 1u);
     if (thread == 0u) unfinished[turn ^ 1u] = 0u;
-    if (at + thread < range.y) {
-      uint splat = list[at + thread];
-      stage_a[thread] = splat_a[splat];
-      stage_b[thread] = splat_b[splat];
-      stage_c[thread] = splat_c[splat];
-    }
+    if (thread < kBlocks * kWords) hits[thread] = 0u;
     barrier();
     if (unfinished[turn] == 0u) break;
     turn ^= 1u;
-    uint count = min(kGroup, range.y - at);
-    for (uint k = 0u; k < count && !finished; ++k) {
-      vec4 a = stage_a[k], b = stage_b[k];
-      vec2 d = centre - a.xy;
-      float log2_alpha =
-          min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
-      if (log2_alpha < kLog2Threshold) continue;
-      float alpha = min(kAlphaMax, exp2(log2_alpha));
-      float after = t * (1.0f - alpha);
-      if (after < kTransmittanceMin) {
-        finished = true;
-      } else {
+    if (at + thread < range.y) {
+      uint splat = list[at + thread];
+      vec4 a = splat_a[splat], b = splat_b[splat];
+      stage_a[thread] = a;
+      stage_b[thread] = b;
+      stage_c[thread] = splat_c[splat];
+      find_hits(thread, a, b, vec2(corner));
+    }
+    barrier();
+    for (uint word = 0u; word < kWords && !finished; ++word) {
+      uint bits = hits[block * kWords + word];
+      while (bits != 0u) {
+        uint k = word * 32u + uint(findLSB(bits));
+        bits &= bits - 1u;
+        vec4 a = stage_a[k], b = stage_b[k];
+        vec2 d = centre - a.xy;
+        float log2_alpha =
+            min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
+        if (log2_alpha < kLog2Threshold) continue;
+        float alpha = min(kAlphaMax, exp2(log2_alpha));
+        float after = t * (1.0f - alpha);
+        if (after < kTransmittanceMin) {
+          finished = true;
+          break;
+        }
         sums = fma(vec4(alpha * t), stage_c[k], sums);
         t = after;
       }
     }
   }
-  if (inside) write_pixel(x, y, sums, t);
+  if (inside) write_pixel(at_pixel.x, at_pixel.y, sums, t);
 }

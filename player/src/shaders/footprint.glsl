@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which tiles a splat's ellipse meets. It may only err towards meeting: what is listed where it is
-// not seen costs time, what is missing is wrong.
+// Which tiles and pixels a splat's ellipse meets. All of it may only err towards meeting: what is
+// listed where it is not seen costs time, what is missing is wrong.
 
 // Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
 const float kLimitSlack = 0.75e-4f;
@@ -55,4 +55,28 @@ ivec2 span_of(Footprint f, int row) {
   int first = int(clamp(ceil((left - (tile - 0.5f)) / tile), 0.0f, count));
   int last = int(clamp(floor((right - 0.5f) / tile), -1.0f, count - 1.0f));
   return ivec2(first, max(last - first + 1, 0));
+}
+
+// Least -log2 of falloff on the segment where one offset is `still` and the other in [low, high],
+// less the rounding error that the blend may make there (raster_bin.cpp).
+float edge_minimum(float across, float cross_, float along, float still, float low, float high) {
+  float free = clamp(-0.5f * cross_ * still / along, low, high);
+  float a = across * still * still, b = along * free * free, c = cross_ * still * free;
+  return a + b + c - 1e-6f * (a + b + abs(c));
+}
+
+// Whether any point of the rectangle [low, high] of pixel centres lies in the ellipse.
+bool meets(vec4 a, vec4 b, vec2 low, vec2 high) {
+  low -= a.xy;
+  high -= a.xy;
+  bool in_x = low.x <= 0.0f && high.x >= 0.0f, in_y = low.y <= 0.0f && high.y >= 0.0f;
+  if (in_x && in_y) return true;
+  float limit = b.y - kLog2Threshold + kLimitSlack;
+  float xx = -a.z, xy = -a.w, yy = -b.x;
+  // A convex form is least on an edge that faces its centre.
+  if (!in_x &&
+      edge_minimum(xx, xy, yy, low.x > 0.0f ? low.x : high.x, low.y, high.y) <= limit) {
+    return true;
+  }
+  return !in_y && edge_minimum(yy, xy, xx, low.y > 0.0f ? low.y : high.y, low.x, high.x) <= limit;
 }
