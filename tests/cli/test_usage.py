@@ -158,7 +158,8 @@ class Help(CliTest):
     def test_version(self):
         text = self.succeeds("--version").stdout.decode()
         self.assertRegex(text, r"^stgs \d+\.\d+\.\d+\nformat: \d+\.\d+\nvector target: \w+\n"
-                               r"trains with: cpu( cuda)?\nrenders with: (cuda )?cpu( vulkan)?\nbuilt in:")
+                               r"trains with: cpu( cuda)?\nrenders with: (cuda )?cpu( vulkan)?\n"
+                               r"built in:")
 
     def test_commands_of_the_readme_parse(self):
         """Every `stgs VERB ...` line in the README uses verbs and options that exist."""
