@@ -24,6 +24,12 @@ void for_each_attribute(A& a, B& b, Visit visit) {
 
 }  // namespace
 
+double TimeBase::ticks(double seconds) const {
+  const double exact = seconds * denominator / numerator, whole = std::round(exact);
+  // A few roundings, here and where the time of a tick was made.
+  return std::abs(exact - whole) <= 1e-12 * std::abs(whole) ? whole : exact;
+}
+
 TimeBase frame_time_of(double fps) {
   const auto whole = [](double v) { return v >= 0.5 && std::abs(v - std::round(v)) < 0.005; };
   if (whole(fps)) return {1, static_cast<std::uint32_t>(std::lround(fps))};

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
+#include <functional>
 #include <mutex>
 #include <stop_token>
 #include <utility>
@@ -66,6 +68,7 @@ class StreamPlayer final : public Player {
     move(true);
   }
   ~StreamPlayer() override {
+    store_.stop();
     if (interrupt_) interrupt_();
   }
 
@@ -112,6 +115,7 @@ class StreamPlayer final : public Player {
   }
 
   double advance(double now) override {
+    if (!std::isfinite(now)) return seconds();
     const double passed = std::clamp(now - now_, 0.0, kLongestStep);
     now_ = now;
     if (playing_) step(started_ ? passed : 0.0);
@@ -159,26 +163,37 @@ class StreamPlayer final : public Player {
   }
 
   void move(bool jumped) {
-    store_.move(
-        {clock_.ticks(), clock_.ticks_per_second(), static_cast<double>(frames_), clock_.loop()},
-        jumped);
+    Motion motion;
+    motion.ticks = clock_.ticks();
+    motion.ticks_per_second = clock_.ticks_per_second();
+    motion.duration = frames_;
+    motion.loop = clock_.loop();
+    motion.still = state_ != PlayerState::kPlaying;
+    store_.move(motion, jumped);
   }
 
   // Whether what is next has come, so far that play does not stop again at once.
   bool can_resume() const {
+    const double at = clock_.ticks(), end = frames_;
     const PlaybackClock::Step ahead = clock_.after(settings_.resume_seconds);
-    for (const TickRange& range : store_.ready_ranges()) {
-      const bool here = range.begin <= clock_.ticks() && clock_.ticks() <= range.end;
-      const bool there = range.begin <= ahead.ticks && ahead.ticks <= range.end;
-      if (here && (there || ahead.looped)) return true;
-    }
-    return false;
+    const std::vector<TickRange> ranges = store_.ready_ranges();
+    const auto covered = [&](double from, double to) {
+      return std::any_of(ranges.begin(), ranges.end(), [&](const TickRange& range) {
+        return range.begin <= std::min(from, to) && std::max(from, to) <= range.end;
+      });
+    };
+    // At the very ends of a range its neighbour counts too.
+    if (!store_.ready(at) || !store_.ready(ahead.ticks)) return false;
+    if (!ahead.looped) return covered(at, ahead.ticks);
+    return clock_.rate() > 0 ? covered(at, end) && covered(0, ahead.ticks)
+                             : covered(0, at) && covered(ahead.ticks, end);
   }
 
   void step(double passed) {
     if (state_ == PlayerState::kBuffering) {
       if (!can_resume()) return;
       state_ = PlayerState::kPlaying;
+      move(false);
       tell(PlayerEvent::Kind::kResumed);
     }
     if (state_ != PlayerState::kPlaying) return;
@@ -219,8 +234,13 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
   auto pieces = std::make_unique<PieceSource>(std::move(source));
   PieceSource& of_reader = *pieces;
   STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces)));
-  return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
-      std::move(reader), of_reader, settings, std::move(interrupt), std::move(transfers)));
+  const std::string name = of_reader.name();
+  try {
+    return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
+        std::move(reader), of_reader, settings, std::move(interrupt), std::move(transfers)));
+  } catch (const std::exception& e) {
+    return runtime_error("{}: cannot be played: {}", name, e.what());
+  }
 }
 
 }  // namespace
@@ -230,15 +250,19 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& place,
   STGS_TRY(check(settings));
   const auto transfers = std::make_shared<TransferEvents>();
   std::stop_source stop;
+  // Who stops the transfers of his settings stops the player's.
+  const auto linked = std::make_shared<std::stop_callback<std::function<void()>>>(
+      settings.http.stop, [stop]() mutable { stop.request_stop(); });
   HttpSettings http = settings.http;
   http.connections = std::max(http.connections, settings.fetches);
   http.stop = stop.get_token();
-  http.on_event = [transfers](const TransferEvent& event) {
+  http.on_event = [transfers, told = settings.http.on_event](const TransferEvent& event) {
     if (event.kind == TransferEvent::Kind::kRetry) transfers->add(event);
+    if (told) told(event);
   };
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place, http));
   return make(
-      std::move(source), settings, [stop]() mutable { stop.request_stop(); }, transfers);
+      std::move(source), settings, [stop, linked]() mutable { stop.request_stop(); }, transfers);
 }
 
 Result<std::unique_ptr<Player>> Player::over(std::unique_ptr<ByteSource> source,

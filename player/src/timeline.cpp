@@ -8,8 +8,7 @@
 #include <set>
 #include <utility>
 
-#include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
+#include "held_segment.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/source.h"
 
@@ -18,45 +17,11 @@ namespace {
 
 constexpr double kMiB = 1 << 20;
 
-// A decoded segment with the support of each primitive, [begin, end] in ticks of its part. Scanning
-// all supports of the segments alive is proportional to what is alive: a lifespan segment holds
-// only primitives that live for a good part of its span.
 struct Held {
-  Gaussians4D set;
-  std::vector<float> begin, end;
+  HeldSegment decoded;
   std::vector<std::uint32_t> candidates;  // at the moment asked for last
   std::uint64_t used = 0;                 // number of the call that needed it last
 };
-
-// Bytes that a segment of n primitives takes once decoded, its candidates included.
-std::uint64_t held_bytes(std::uint64_t n, int sh_degree) {
-  const auto coefficients = static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
-  const std::uint64_t floats = 3 + 3 + 4 + 1 + 3 * coefficients + 1 + 3 + 1 + 1;
-  return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));
-}
-
-void compute_supports(Held& held) {
-  const Gaussians4D& set = held.set;
-  held.begin.resize(set.size());
-  held.end.resize(set.size());
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    const math::Support support =
-        math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i], set.sigma[i],
-                                set.radius[i], math::kAlphaThreshold);
-    held.begin[i] = support.begin;
-    held.end[i] = support.end;
-  }
-}
-
-void find_candidates(Held& held, float ticks) {
-  held.candidates.resize(held.begin.size());
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < held.begin.size(); ++i) {
-    held.candidates[n] = static_cast<std::uint32_t>(i);
-    n += static_cast<std::size_t>((held.begin[i] <= ticks) & (ticks <= held.end[i]));
-  }
-  held.candidates.resize(n);
-}
 
 class SegmentTimeline final : public Timeline {
  public:
@@ -120,11 +85,11 @@ class SegmentTimeline final : public Timeline {
       std::vector<Held*> held;
       for (const Needed& one : needed) held.push_back(&held_.at(one.segment));
       parallel_for(std::size_t{0}, held.size(), [&](std::size_t i) {
-        find_candidates(*held[i], static_cast<float>(needed[i].ticks));
+        held[i]->decoded.find_candidates(static_cast<float>(needed[i].ticks), held[i]->candidates);
       });
       for (std::size_t i = 0; i < held.size(); ++i) {
         if (held[i]->candidates.empty()) continue;
-        active.parts.push_back({needed[i].segment, &held[i]->set, &held[i]->candidates,
+        active.parts.push_back({needed[i].segment, &held[i]->decoded.set, &held[i]->candidates,
                                 needed[i].ticks, needed[i].id_base});
       }
     } catch (const std::exception& e) {
@@ -180,7 +145,7 @@ class SegmentTimeline final : public Timeline {
           held_.begin(), held_.end(),
           [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
       bytes_ -= bytes_of(oldest->first);
-      primitives_ -= oldest->second.set.size();
+      primitives_ -= oldest->second.decoded.set.size();
       held_.erase(oldest);
     }
   }
@@ -200,8 +165,7 @@ class SegmentTimeline final : public Timeline {
         results[i] = set.status();
         return;
       }
-      fresh[i].set = std::move(set).value();
-      compute_supports(fresh[i]);
+      fresh[i].decoded = HeldSegment(std::move(set).value());
     });
     for (const Status& status : results) {
       if (!can_pass_over(status)) return status;
@@ -211,7 +175,7 @@ class SegmentTimeline final : public Timeline {
       if (!results[i].ok()) continue;
       fresh[i].used = call_;
       bytes_ += bytes_of(missing[i]);
-      primitives_ += fresh[i].set.size();
+      primitives_ += fresh[i].decoded.set.size();
       held_.emplace(missing[i], std::move(fresh[i]));
     }
     return {};

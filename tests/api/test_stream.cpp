@@ -9,6 +9,7 @@
 #include <set>
 #include <thread>
 
+#include "held_segment.h"
 #include "scene_fixture.h"
 #include "stgs/player/player.h"
 #include "stream/need.h"
@@ -20,14 +21,24 @@ namespace {
 
 constexpr std::uint32_t kFrames = 90;  // 3 s
 using Kind = PlayerEvent::Kind;
+using Clock = std::chrono::steady_clock;
 
 // What a source does with reads that begin at an offset or behind it.
 class Link {
  public:
   enum class Answer { kBytes, kWait, kFail };
 
-  Answer answer(std::uint64_t offset) {
+  Answer answer(std::uint64_t offset, std::size_t bytes) {
     std::unique_lock lock(mutex_);
+    if (bytes_a_second_ > 0 && offset >= slow_from_) {
+      free_ = std::max(free_, Clock::now()) +
+              std::chrono::microseconds(
+                  static_cast<std::int64_t>(1e6 * static_cast<double>(bytes) / bytes_a_second_));
+      const Clock::time_point over = free_;
+      lock.unlock();
+      std::this_thread::sleep_until(over);
+      lock.lock();
+    }
     asked_.push_back(offset);
     changed_.notify_all();
     while (!interrupted_ && of(offset) == Answer::kWait) changed_.wait(lock);
@@ -37,6 +48,12 @@ class Link {
     const std::lock_guard lock(mutex_);
     answers_.push_back({begin, end, answer});
     changed_.notify_all();
+  }
+  // All reads from `begin` on share so many bytes a second; 0: any number.
+  void limit(double bytes_a_second, std::uint64_t begin) {
+    const std::lock_guard lock(mutex_);
+    bytes_a_second_ = bytes_a_second;
+    slow_from_ = begin;
   }
   void interrupt() {
     const std::lock_guard lock(mutex_);
@@ -63,6 +80,9 @@ class Link {
   std::mutex mutex_;
   std::condition_variable changed_;
   bool interrupted_ = false;
+  double bytes_a_second_ = 0;
+  std::uint64_t slow_from_ = 0;
+  Clock::time_point free_;
   std::vector<Rule> answers_;
   std::vector<std::uint64_t> asked_;
 };
@@ -74,7 +94,8 @@ class LinkSource final : public ByteSource {
   std::uint64_t size() const override { return bytes_->size(); }
   const std::string& name() const override { return bytes_->name(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (link_->answer(offset) == Link::Answer::kFail) return io_error("the link is down");
+    if (link_->answer(offset, out.size()) == Link::Answer::kFail)
+      return io_error("the link is down");
     return bytes_->read(offset, out);
   }
 
@@ -386,6 +407,106 @@ TEST_CASE("all layers of a moment come, however patient the layers are") {
   settings.ahead_seconds = 0.5;
   Playing p(settings);
   REQUIRE(p.complete());
+}
+
+TEST_CASE("who stands still gets every layer, however slow the link is") {
+  Playing p({}, clip().bytes, [](Link& link) {
+    link.limit(static_cast<double>(clip().bytes.size()), clip().pieces_at);  // all in a second
+  });
+  REQUIRE(p.player->seek_frame(89).ok());
+  REQUIRE(p.complete());
+  REQUIRE(p.player->seek_frame(40).ok());
+  REQUIRE(p.complete());
+}
+
+TEST_CASE("a link that has become better is used, whatever it was before") {
+  PlayerSettings settings;
+  settings.retry_seconds = 0.01;
+  settings.ahead_seconds = 0.5;
+  Playing p(settings, clip().bytes, [](Link& link) { link.limit(20000, clip().pieces_at); });
+  p.player->set_loop(true);
+  p.player->play();
+  REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+  p.link->limit(0, 0);
+  REQUIRE(p.until([&] {
+    p.now += 0.01;
+    return p.player->layers() == p.player->layers_of_file();
+  }));
+}
+
+TEST_CASE("a jump away from a read that does not end is not held up by it") {
+  PlayerSettings settings;
+  settings.fetches = 2;
+  const SegmentInfo* there = nullptr;  // of the end alone
+  for (const SegmentInfo& s : clip().reader->segments()) {
+    if (s.tier == 0 && s.level >= 0 && s.begin_ticks >= 60) there = &s;
+  }
+  REQUIRE(there != nullptr);
+  settings.ahead_seconds = 0.2;
+  Playing p(settings, clip().bytes, [&](Link& link) {
+    link.set(Link::Answer::kWait, there->offset, there->offset + there->bytes);
+  });
+  REQUIRE(p.player->seek_frame(static_cast<std::uint32_t>(there->begin_ticks) + 2).ok());
+  REQUIRE(p.until([&] {
+    const auto asked = p.link->asked();
+    return std::find(asked.begin(), asked.end(), there->offset) != asked.end();
+  }));
+  REQUIRE(p.player->seek_frame(5).ok());
+  p.player->play();
+  REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+}
+
+TEST_CASE("however little memory there is, play comes to the end, and says what it lacks") {
+  std::uint64_t most = 0;
+  for (double t = 0; t < kFrames; t += 1) {
+    std::uint64_t base = 0;
+    for (const std::uint32_t s : clip().reader->segments_between(t, t)) {
+      const SegmentInfo& segment = clip().reader->segments()[s];
+      if (segment.tier == 0) base += segment.bytes + held_bytes(segment.primitives, 2);
+    }
+    most = std::max(most, base);
+  }
+  for (const double share : {0.3, 0.7, 1.02, 1.1, 1.5}) {
+    INFO(share);
+    PlayerSettings settings;
+    settings.retry_seconds = 0.01;
+    settings.memory_budget = static_cast<std::uint64_t>(share * static_cast<double>(most));
+    Playing p(settings);
+    p.player->play();
+    p.to_the_end([&] { CHECK(p.player->statistics().memory_bytes <= settings.memory_budget); });
+    if (share < 1) CHECK(p.said(Kind::kLost, "memory"));
+  }
+}
+
+TEST_CASE("play that goes round waits at the end for the beginning, once") {
+  PlayerSettings settings;
+  settings.ahead_seconds = 0.3;
+  settings.memory_budget = 600'000;
+  Playing p(settings);
+  REQUIRE(p.player->seek_frame(80).ok());
+  REQUIRE(p.complete());
+  p.player->set_loop(true);
+  p.link->set(Link::Answer::kWait, clip().pieces_at);
+  p.player->play();
+  for (int k = 0; k < 200; ++k) {
+    p.until([] { return true; });
+    p.now += 0.02;
+  }
+  CHECK(p.count(Kind::kBuffering) <= 2);
+  p.link->set(Link::Answer::kBytes);
+  REQUIRE(p.until([&] {
+    p.now += 0.02;
+    return p.count(Kind::kLooped) > 0;
+  }));
+}
+
+TEST_CASE("a frame's time is the frame's, at every rate") {
+  for (const TimeBase base : {TimeBase{1, 30}, {1001, 24000}, {1001, 30000}, {1, 25}, {1, 1000}}) {
+    for (std::uint32_t frame = 0; frame < 100000; frame += 7) {
+      REQUIRE(base.ticks(base.seconds(frame)) == frame);
+    }
+    CHECK(base.ticks(base.seconds(1234.5)) == Approx(1234.5).epsilon(1e-15));
+  }
 }
 
 TEST_CASE("a player ends at once while its reads wait") {

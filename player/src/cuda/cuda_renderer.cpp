@@ -91,7 +91,8 @@ class CudaRenderer final : public Renderer {
     for (const Timeline::Needed& one : needed) {
       Part part{};
       part.primitives = timeline.reader().segments()[one.segment].primitives;
-      if (part.primitives == 0) continue;
+      // A stream may have come by more since they were held; those are for the next picture.
+      if (part.primitives == 0 || !segments_.holds(one.segment)) continue;
       part.at = segments_.at(one.segment);
       part.ticks = one.ticks;
       part.first_chunk = chunks;

@@ -31,6 +31,7 @@ class SegmentCache {
   Status hold(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
   // One that the last call of hold() named, and that is not lost.
   const PackedSegment& at(std::uint32_t segment) const { return held_.at(segment).packed; }
+  bool holds(std::uint32_t segment) const { return held_.contains(segment); }
   std::uint64_t stored_primitives() const { return primitives_; }
 
  private:

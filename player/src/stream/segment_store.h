@@ -3,6 +3,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <list>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -27,6 +28,8 @@ class SegmentStore {
   SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& source,
                const PlayerSettings& settings);
   ~SegmentStore();
+  // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
+  void stop();
   SegmentStore(const SegmentStore&) = delete;
   SegmentStore& operator=(const SegmentStore&) = delete;
 
@@ -57,47 +60,70 @@ class SegmentStore {
   enum class At { kAway, kComing, kHere, kLost };  // kLost: not to be had, for now or for ever
   struct PieceState {
     At at = At::kAway;
-    double retry = 0;  // of kLost: when to try again
+    double retry = 0;          // of kLost: when to try again
+    double patience = 0;       // how long the last wait for it was, seconds; 0: none
+    std::uint64_t memory = 0;  // that is counted for it
   };
   struct Entry {
     PieceState base, harmonics;
     bool decoding = false, with_harmonics = false;  // the latter: of `held`
     std::shared_ptr<const HeldSegment> held;
   };
+  // Pieces that are asked for at once: they follow each other in the file.
+  struct Run {
+    std::uint64_t offset = 0, bytes = 0;
+    std::vector<Piece> pieces;
+    std::uint64_t jumps = 0;  // when it began
+    double begun = 0;
+  };
+  using Runs = std::list<Run>;
 
   PieceState& state(const Piece& piece) {
+    return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
+  }
+  const PieceState& state(const Piece& piece) const {
     return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
   }
   std::uint64_t piece_bytes(const Piece& piece) const;
   std::uint64_t piece_offset(const Piece& piece) const;
   std::uint64_t memory_of(const Piece& piece) const;  // that it takes, decoded too
+  Need need_for(const Piece& piece) const;
   double urgency_of(const Piece& piece) const;
-  bool settled(std::uint32_t segment) const;  // of a base: here and decoded, or lost
+  bool settled(std::uint32_t segment) const;  // of a base: here and decoded, or lost so far
 
-  void fetch_pieces();
-  // Pieces that are asked for at once: they follow each other in the file.
-  struct Run {
-    std::uint64_t offset = 0, bytes = 0;
-    std::vector<Piece> pieces;
-  };
-  std::optional<Piece> next_piece(double now) const;
-  std::optional<Run> next_run(double now);
-  bool take(const Piece& piece, double urgency);
-  void extend(Run& run, double urgency, double now);
-  bool wanted(const Piece& piece, double now) const;
-  bool in_time(const Piece& piece) const;
-  bool idle() const;
+  static double clock_seconds();
+  void start_threads();
+  void run_thread(void (SegmentStore::*work)());
+  void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
+  void release(const Piece& piece, At at);
+  bool can_drop(std::uint32_t segment) const;
   bool make_room(std::uint64_t bytes, double urgency);
   void drop(std::uint32_t segment);
+  void lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind, const Status& status);
+
+  // segment_fetch.cpp
+  void fetch_pieces();
+  bool wanted(const Piece& piece, double now) const;
+  bool in_time(const Piece& piece) const;
+  bool is_waited_for(double now) const;
+  std::optional<Piece> next_piece(double now) const;
+  bool next_run(double now, Runs& taken);
+  bool take(const Piece& piece, double urgency);
+  void extend(Run& run, double urgency, double now);
+  std::size_t stretch_of(const Run& run) const;
+  bool given_up(const Run& run) const;
   Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
   void put(const Run& run, std::span<const std::uint8_t> bytes);
-  void give_back(const Run& run, const Status& status);
-  void lose(const Piece& piece, double seconds, PlayerEvent::Kind kind, const Status& status);
+  void settle(const Run& run, bool came, const Status& status);
 
-  Status decode(std::uint32_t segment, bool with_harmonics,
-                std::shared_ptr<const HeldSegment>& held) const;
+  // segment_decoding.cpp
   void decode_segments();
   std::optional<std::uint32_t> next_decode() const;
+  Status decode(std::uint32_t segment, bool with_harmonics,
+                std::shared_ptr<const HeldSegment>& held, Status& harmonics) const;
+  void take_decoded(std::uint32_t segment, bool with_harmonics,
+                    std::shared_ptr<const HeldSegment> held, const Status& base,
+                    const Status& harmonics);
 
   const std::unique_ptr<SceneReader> reader_;
   PieceSource& source_;
@@ -112,7 +138,7 @@ class SegmentStore {
   std::uint64_t jumps_ = 0;
   Motion motion_;
   std::vector<Entry> entries_;  // by segment
-  int urgent_ = 0;              // runs under way that are needed now
+  Runs running_;                // under way
   std::uint64_t memory_ = 0;
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0;

@@ -24,6 +24,8 @@ class Throughput {
     pass(now);
     --transfers_;
   }
+  // What has been carried so far tells nothing any more.
+  void forget() { bytes_ = seconds_ = 0; }
   // 0: not known yet.
   double bytes_per_second() const { return seconds_ < kLeast ? 0.0 : bytes_ / seconds_; }
 

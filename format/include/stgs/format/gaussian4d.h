@@ -14,7 +14,8 @@ struct TimeBase {
   std::uint32_t denominator = 30;
 
   double seconds(double ticks) const { return ticks * numerator / denominator; }
-  double ticks(double seconds) const { return seconds * denominator / numerator; }
+  // Whole where `seconds` is that of a whole tick but for rounding: a frame's time is the frame's.
+  double ticks(double seconds) const;
   bool operator==(const TimeBase&) const = default;
 };
 

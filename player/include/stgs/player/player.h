@@ -42,7 +42,7 @@ struct PlayerSettings {
   double layer_patience_seconds = 1;
   double retry_seconds = 1;  // until what could not be read is tried again
   int fetches = 4;           // at once
-  HttpSettings http;         // of a URL; `stop` and `on_event` are the player's own
+  HttpSettings http;         // of a URL
 };
 
 enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };

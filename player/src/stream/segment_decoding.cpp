@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decoding what has been fetched.
+#include <exception>
+#include <utility>
+
+#include "stream/segment_store.h"
+
+namespace stgs::player {
+
+// The most urgent segment that can be decoded better than it is.
+std::optional<std::uint32_t> SegmentStore::next_decode() const {
+  std::optional<std::uint32_t> best;
+  double least = 0;
+  for (std::uint32_t s = 0; s < entries_.size(); ++s) {
+    const Entry& entry = entries_[s];
+    if (entry.decoding || entry.base.at != At::kHere) continue;
+    const bool better = entry.held == nullptr;
+    if (!better && (entry.with_harmonics || entry.harmonics.at != At::kHere)) continue;
+    if (const double u = urgency_of({s, !better}); !best || u < least) {
+      least = u;
+      best = s;
+    }
+  }
+  return best;
+}
+
+// `harmonics`: what is wrong with these alone.
+Status SegmentStore::decode(std::uint32_t segment, bool with_harmonics,
+                            std::shared_ptr<const HeldSegment>& held, Status& harmonics) const {
+  try {
+    Result<Gaussians4D> set = with_harmonics ? reader_->decode_sound(segment, harmonics)
+                                             : reader_->decode(segment, false);
+    STGS_TRY(set.status());
+    held = std::make_shared<const HeldSegment>(std::move(set).value());
+    return {};
+  } catch (const std::exception& e) {
+    return runtime_error("{}: cannot hold segment {}: {}", source_.name(), segment, e.what());
+  }
+}
+
+void SegmentStore::decode_segments() {
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    const std::optional<std::uint32_t> segment = next_decode();
+    if (!segment) {
+      to_decode_.wait(lock);
+      continue;
+    }
+    Entry& entry = entries_[*segment];
+    const bool with_harmonics = entry.harmonics.at == At::kHere;
+    entry.decoding = true;
+    lock.unlock();
+    std::shared_ptr<const HeldSegment> held;
+    Status harmonics;
+    const Status base = decode(*segment, with_harmonics, held, harmonics);
+    lock.lock();
+    entry.decoding = false;
+    take_decoded(*segment, with_harmonics, std::move(held), base, harmonics);
+  }
+}
+
+void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
+                                std::shared_ptr<const HeldSegment> held, const Status& base,
+                                const Status& harmonics) {
+  // Damage stays; what this machine could not do now it may do later.
+  const auto lost = [this](const Piece& piece, const Status& status) {
+    const bool damaged =
+        status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
+    const bool for_ever = damaged || status.code() == StatusCode::kNotBuilt;
+    lose(piece, for_ever, damaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost, status);
+    if (for_ever) losses_.push_back({piece.segment, piece.harmonics, status});
+  };
+  Entry& entry = entries_[segment];
+  if (!base.ok()) return lost({segment, false}, base);
+  entry.held = std::move(held);
+  entry.base.patience = 0;
+  entry.with_harmonics = with_harmonics && harmonics.ok();
+  if (!harmonics.ok()) return lost({segment, true}, harmonics);
+  if (!entry.with_harmonics) return;
+  // All of it is decoded: its bytes are not needed any more.
+  for (const bool which : {false, true}) {
+    const Piece piece{segment, which};
+    if (piece_bytes(piece) == 0) continue;
+    source_.drop(piece_offset(piece));
+    count(piece, state(piece).memory - piece_bytes(piece));
+  }
+  entry.harmonics.patience = 0;
+}
+
+}  // namespace stgs::player

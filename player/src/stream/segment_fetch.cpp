@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is fetched next, and fetching it.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <exception>
+#include <limits>
+
+#include "stream/segment_store.h"
+
+namespace stgs::player {
+namespace {
+
+constexpr double kForEver = std::numeric_limits<double>::infinity();
+// Of a run that is not longer for its first piece, bytes; and between its pieces.
+constexpr std::uint64_t kRun = 512 << 10, kGap = 4 << 10;
+constexpr double kBrief = 0.1;  // seconds that a run of pieces of any urgency may take
+// Seconds and bytes asked for at once: what a jump has to wait for.
+constexpr double kStretch = 0.25;
+constexpr double kLeastStretch = 64 << 10, kGreatestStretch = 1 << 20;
+// Seconds for which a piece that the viewer waits for has the link to itself.
+constexpr double kAlone = 1;
+
+}  // namespace
+
+double SegmentStore::clock_seconds() {
+  using Clock = std::chrono::steady_clock;
+  return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+}
+
+// Whether a piece is still to be fetched, and soon enough to begin with it.
+bool SegmentStore::wanted(const Piece& piece, double now) const {
+  if (!reader_->segments()[piece.segment].shown()) return false;
+  const Entry& entry = entries_[piece.segment];
+  const PieceState& own = state(piece);
+  if (own.at != At::kAway && !(own.at == At::kLost && now >= own.retry)) return false;
+  if (piece.harmonics && entry.base.at != At::kHere && entry.base.at != At::kComing) return false;
+  // As far ahead as play asks for before it goes on.
+  return need_for(piece).from <= std::max(settings_.ahead_seconds, settings_.resume_seconds);
+}
+
+// Whether a piece can come before the last moment that it is for, as the link is; layer 0 always is
+// tried.
+bool SegmentStore::in_time(const Piece& piece) const {
+  const double speed = throughput_.bytes_per_second();
+  if (layer_of(reader_->segments()[piece.segment], piece.harmonics, tiers_) == 0 || speed == 0) {
+    return true;
+  }
+  return static_cast<double>(piece_bytes(piece)) / speed <= need_for(piece).until;
+}
+
+// Whether something is under way that the viewer waits for, and has not been for long.
+bool SegmentStore::is_waited_for(double now) const {
+  return std::any_of(running_.begin(), running_.end(), [&](const Run& run) {
+    return urgency_of(run.pieces[0]) <= 0 && now < run.begun + kAlone;
+  });
+}
+
+// The most urgent piece. While the viewer waits for one, nothing else takes bandwidth from it. What
+// comes too late is tried only where nothing else is under way: the link may have become better.
+std::optional<Piece> SegmentStore::next_piece(double now) const {
+  const bool only_waited_for = is_waited_for(now);
+  std::optional<Piece> best, late;
+  double least = kForEver, least_late = kForEver;
+  for (const Piece& piece : in_file_) {
+    if (!wanted(piece, now)) continue;
+    const double urgency = urgency_of(piece);
+    if (only_waited_for && urgency > 0) continue;
+    if (urgency < least && in_time(piece)) {
+      least = urgency;
+      best = piece;
+    } else if (urgency < least_late) {
+      least_late = urgency;
+      late = piece;
+    }
+  }
+  return best || !running_.empty() ? best : late;
+}
+
+// Marks a piece as coming if there is room for it.
+bool SegmentStore::take(const Piece& piece, double urgency) {
+  if (!make_room(memory_of(piece), urgency)) return false;
+  count(piece, memory_of(piece));
+  state(piece).at = At::kComing;
+  return true;
+}
+
+// Puts the next run into `taken`; false where there is none.
+bool SegmentStore::next_run(double now, Runs& taken) {
+  const std::optional<Piece> first = next_piece(now);
+  if (!first) return false;
+  const double urgency = urgency_of(*first);
+  if (!take(*first, urgency)) {
+    // What the viewer waits for and cannot have is passed over, or he would wait for ever.
+    const bool layer0 =
+        layer_of(reader_->segments()[first->segment], first->harmonics, tiers_) == 0;
+    if (layer0 && running_.empty() && need_for(*first).from <= settings_.resume_seconds) {
+      lose(*first, false, PlayerEvent::Kind::kLost,
+           runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
+                         source_.name(), settings_.memory_budget));
+    }
+    return false;
+  }
+  taken.push_back({piece_offset(*first), piece_bytes(*first), {*first}, jumps_, now});
+  extend(taken.back(), urgency, now);
+  return true;
+}
+
+// Adds what follows in the file: what is about as urgent as the first piece, which it makes later,
+// and what comes sooner with it than by a request of its own.
+void SegmentStore::extend(Run& run, double urgency, double now) {
+  const Piece first = run.pieces[0];
+  const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_patience_seconds;
+  const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
+  std::size_t at = places_[2 * std::size_t{first.segment} + (first.harmonics ? 1 : 0)];
+  while (++at < in_file_.size()) {
+    const Piece& piece = in_file_[at];
+    const std::uint64_t end = run.offset + run.bytes, begin = piece_offset(piece);
+    if (begin < end || begin - end > kGap) return;
+    const std::uint64_t bytes = begin - run.offset + piece_bytes(piece);
+    const double most = static_cast<double>(bytes) <= brief ? kForEver : alike;
+    if (bytes > kRun || !wanted(piece, now) || !in_time(piece) || urgency_of(piece) > most) return;
+    if (!take(piece, urgency_of(piece))) return;
+    run.bytes = bytes;
+    run.pieces.push_back(piece);
+  }
+}
+
+void SegmentStore::fetch_pieces() {
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    Runs own;
+    if (!next_run(clock_seconds(), own)) {
+      // Not for ever: what was lost is tried again.
+      to_fetch_.wait_for(lock, std::chrono::milliseconds(100));
+      continue;
+    }
+    running_.splice(running_.begin(), own);
+    const auto run = running_.begin();
+    throughput_.begin(clock_seconds());
+    lock.unlock();
+    std::vector<std::uint8_t> bytes;
+    Status status;
+    try {
+      status = fetch(*run, bytes);
+      if (status.ok() && bytes.size() == run->bytes) put(*run, bytes);
+    } catch (const std::exception& e) {
+      bytes.clear();
+      status = runtime_error("{}: cannot hold {} bytes: {}", source_.name(), run->bytes, e.what());
+    }
+    const bool came = status.ok() && bytes.size() == run->bytes;
+    lock.lock();
+    throughput_.end(clock_seconds());
+    own.splice(own.begin(), running_, run);
+    settle(own.front(), came, status);
+    to_fetch_.notify_all();
+  }
+}
+
+std::size_t SegmentStore::stretch_of(const Run& run) const {
+  const std::lock_guard lock(mutex_);
+  const double speed = throughput_.bytes_per_second();
+  const double bytes =
+      speed > 0 ? std::clamp(kStretch * speed, kLeastStretch, kGreatestStretch) : kGreatestStretch;
+  return static_cast<std::size_t>(std::min(bytes, static_cast<double>(run.bytes)));
+}
+
+// Whether the rest of a run is not worth its time: after a jump there is something more urgent.
+bool SegmentStore::given_up(const Run& run) const {
+  return stopping_ ||
+         (run.jumps != jumps_ && urgency_of(run.pieces[0]) > settings_.layer_patience_seconds);
+}
+
+// The bytes of a run; none where it is given up.
+Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
+  bytes.resize(static_cast<std::size_t>(run.bytes));
+  for (std::size_t done = 0; done < bytes.size();) {
+    const std::size_t part = std::min(stretch_of(run), bytes.size() - done);
+    STGS_TRY(source_.under().read(run.offset + done, std::span(bytes).subspan(done, part)));
+    done += part;
+    const std::lock_guard lock(mutex_);
+    throughput_.arrived(part, clock_seconds());
+    fetched_bytes_ += part;
+    if (done < bytes.size() && given_up(run)) {
+      bytes.clear();
+      return {};
+    }
+  }
+  return {};
+}
+
+void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
+  for (const Piece& piece : run.pieces) {
+    const auto own = bytes.subspan(static_cast<std::size_t>(piece_offset(piece) - run.offset),
+                                   static_cast<std::size_t>(piece_bytes(piece)));
+    source_.put(piece_offset(piece), {own.begin(), own.end()});
+  }
+}
+
+// After a run that has come, was given up, or failed.
+void SegmentStore::settle(const Run& run, bool came, const Status& status) {
+  for (const Piece& piece : run.pieces) {
+    if (came) {
+      state(piece).at = At::kHere;
+    } else {
+      release(piece, At::kAway);
+      if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kLost, status);
+    }
+  }
+  if (came) to_decode_.notify_one();
+  // What a link carried before it failed tells nothing of what it carries after.
+  if (!status.ok()) throughput_.forget();
+}
+
+}  // namespace stgs::player
