@@ -60,10 +60,20 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
     const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
     // With its number, for the state goes by it.
     out.emplace_back("camera " + camera.name,
-                     fmt::format("number {}, {}x{}, calibration {:016x}, frames {:016x}", ++cameras,
-                                 camera.width, camera.height, hash, frame_sizes(capture, camera)));
+                     fmt::format("number {}, {}x{}, calibration {:016x}", ++cameras, camera.width,
+                                 camera.height, hash));
   }
   out.emplace_back("training cameras", std::to_string(cameras));
+  return out;
+}
+
+Fingerprint pictures_of(const PreparedCapture& capture) {
+  Fingerprint out;
+  for (const Camera& camera : capture.cameras) {
+    if (camera.test) continue;
+    out.emplace_back("pictures of camera " + camera.name,
+                     fmt::format("sizes {:016x}", frame_sizes(capture, camera)));
+  }
   return out;
 }
 

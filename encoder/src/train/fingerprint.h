@@ -27,6 +27,9 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
 // Of the training cameras, the frames and the bounds.
 Fingerprint fingerprint_of(const PreparedCapture& capture);
 
+// Of the training cameras' pictures, as they are now: a stat a file.
+Fingerprint pictures_of(const PreparedCapture& capture);
+
 // As a checkpoint holds it. The error is a reason without a file's name.
 std::string fingerprint_text(const Fingerprint& fingerprint);
 Result<Fingerprint> read_fingerprint(const std::string& text);

@@ -43,6 +43,7 @@ std::uint64_t peak_memory_bytes() {
 Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
                  ProgressSink progress, LogSink log)
     : capture_(capture),
+      pictures_(pictures_of(capture)),
       settings_(settings),
       progress_(std::move(progress)),
       log_(log ? std::move(log) : [](int, const std::string&) {}),
@@ -112,9 +113,7 @@ Status Trainer::resume() {
 Status Trainer::prepare_ranks() {
   settings_.checkpoint_interval = std::max(settings_.checkpoint_interval, 1);
   if (ranks_.ranks() == nullptr) return {};
-  Fingerprint alike = fingerprint();
-  std::erase_if(alike, [](const auto& entry) { return entry.first == kBackendEntry; });
-  STGS_TRY(ranks_.same_text(fingerprint_text(alike), "capture or other settings"));
+  STGS_TRY(ranks_.same_text(fingerprint_text(settings_fingerprint()), "capture or other settings"));
   STGS_TRY(ranks_.same_text(
       fmt::format("{} {} {} {}", !settings_.checkpoint.empty(), settings_.checkpoint_interval,
                   !settings_.log_path.empty(), settings_.held_out_measures),
@@ -151,13 +150,20 @@ Status Trainer::load_frames() {
   return {};
 }
 
-Fingerprint Trainer::fingerprint() const {
+// What is the same on all ranks, whose pictures may be copies of each other's.
+Fingerprint Trainer::settings_fingerprint() const {
   Fingerprint all = fingerprint_of(parameters_, settings_);
   const Fingerprint capture = fingerprint_of(capture_);
   all.insert(all.end(), capture.begin(), capture.end());
   all.emplace_back("perceptual weights", perceptual_.fingerprint());
-  all.emplace_back(kBackendEntry, backend_->name());
   all.emplace_back(kProcessesEntry, fmt::format("{}", ranks_.size()));
+  return all;
+}
+
+Fingerprint Trainer::fingerprint() const {
+  Fingerprint all = settings_fingerprint();
+  all.insert(all.end(), pictures_.begin(), pictures_.end());
+  all.emplace_back(kBackendEntry, backend_->name());
   return all;
 }
 

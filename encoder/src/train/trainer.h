@@ -44,6 +44,7 @@ class Trainer {
   Status prepare_ranks();
   Status prepare_backend();
   Status load_frames();
+  Fingerprint settings_fingerprint() const;
   Fingerprint fingerprint() const;
   // Share of the schedule that is done, [0, 1].
   double share() const;
@@ -87,6 +88,7 @@ class Trainer {
   int measures_due() const;
 
   PreparedCapture capture_;
+  Fingerprint pictures_;  // as they were when it began
   TrainSettings settings_;
   HyperParameters parameters_;
   Ablation ablation_;
