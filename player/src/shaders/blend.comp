@@ -6,6 +6,8 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
+
+// After frame.glsl, on which it builds.
 #include "footprint.glsl"
 #include "stgs/format/math/blend.h"
 
@@ -17,10 +19,10 @@ layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
 shared vec4 stage_a[kGroup], stage_b[kGroup], stage_c[kGroup];
 shared uint unfinished[2];  // pixels, in turns
 
-const uint kBlocks = 8u;               // of a tile, two beside and four below each other
-const uvec2 kBlock = uvec2(8u, 4u);    // pixels
+const uint kBlocks = 8u;             // of a tile, two beside and four below each other
+const uvec2 kBlock = uvec2(8u, 4u);  // pixels
 const uint kWords = kGroup / 32u;
-shared uint hits[kBlocks * kWords];    // of a block, a bit a splat of the stage
+shared uint hits[kBlocks * kWords];  // of a block, a bit a splat of the stage
 
 void write_pixel(uint x, uint y, vec4 sums, float t) {
   uint to = y * uint(view.width) + x;
@@ -82,8 +84,7 @@ void main() {
         bits &= bits - 1u;
         vec4 a = stage_a[k], b = stage_b[k];
         vec2 d = centre - a.xy;
-        float log2_alpha =
-            min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
+        float log2_alpha = min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
         if (log2_alpha < kLog2Threshold) continue;
         float alpha = min(kAlphaMax, exp2(log2_alpha));
         float after = t * (1.0f - alpha);

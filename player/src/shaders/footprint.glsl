@@ -21,8 +21,7 @@ Footprint footprint_of(vec4 a, vec4 b) {
   f.y = a.y;
   f.per_height = 1.0f / max(extent.y, 1e-4f);
   // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
-  float limit =
-      max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
+  float limit = max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
   f.width = sqrt(limit / -a.z);
   f.slope = -0.5f * a.w / a.z * max(extent.y, 1e-4f);
   float ratio = f.slope / f.width;
@@ -74,8 +73,7 @@ bool meets(vec4 a, vec4 b, vec2 low, vec2 high) {
   float limit = b.y - kLog2Threshold + kLimitSlack;
   float xx = -a.z, xy = -a.w, yy = -b.x;
   // A convex form is least on an edge that faces its centre.
-  if (!in_x &&
-      edge_minimum(xx, xy, yy, low.x > 0.0f ? low.x : high.x, low.y, high.y) <= limit) {
+  if (!in_x && edge_minimum(xx, xy, yy, low.x > 0.0f ? low.x : high.x, low.y, high.y) <= limit) {
     return true;
   }
   return !in_y && edge_minimum(yy, xy, xx, low.y > 0.0f ? low.y : high.y, low.x, high.x) <= limit;

@@ -4,6 +4,8 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
+
+// After frame.glsl, on which it builds.
 #include "footprint.glsl"
 
 layout(local_size_x = 256) in;

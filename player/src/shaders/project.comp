@@ -69,8 +69,8 @@ bool make_splat(Part part, Arrays at, uint i, out Splat splat) {
   vec4 motion = fours[(at.pair + 3u * at.n) / 2u + i];
   vec2 lifespan = pair_at(at.pair + 5u * at.n + i);
   float dt = since(part, place.w);
-  Vec3 position = position_at(vec3_of(place.x, place.y, place.z),
-                              vec3_of(motion.x, motion.y, motion.z), dt);
+  Vec3 position =
+      position_at(vec3_of(place.x, place.y, place.z), vec3_of(motion.x, motion.y, motion.z), dt);
   if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
   float opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
   if (!(opacity >= kAlphaThreshold)) return false;
@@ -96,8 +96,8 @@ bool make_splat(Part part, Arrays at, uint i, out Splat splat) {
   splat.a = vec4(p.mean.x, p.mean.y, -0.5f * kLog2E * p.conic.xx, -kLog2E * p.conic.xy);
   splat.b = vec4(-0.5f * kLog2E * p.conic.yy, log2(opacity), extent.x, extent.y);
   splat.c.w = p.depth;
-  Vec3 from_camera = vec3_of(position.x - view.centre.x, position.y - view.centre.y,
-                             position.z - view.centre.z);
+  Vec3 from_camera =
+      vec3_of(position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z);
   return finite(p.depth) && colour_of(at, i, from_camera, splat);
 }
 
