@@ -32,6 +32,7 @@ class SegmentCache {
   Status hold(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
   // Of one that the last call of hold() named, and that is not lost.
   const std::vector<Piece>& at(std::uint32_t segment) const { return held_.at(segment).pieces; }
+  bool holds(std::uint32_t segment) const { return held_.contains(segment); }
   const SegmentMemory& memory() const { return memory_; }
   std::uint64_t stored_primitives() const { return primitives_; }
 

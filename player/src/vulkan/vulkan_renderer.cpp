@@ -117,6 +117,8 @@ class VulkanRenderer final : public Renderer {
     std::vector<std::vector<Part>> of_block(segments_.memory().blocks());
     chunks_ = 0;
     for (const Timeline::Needed& one : needed) {
+      // A stream may have come by more since they were held; those are for the next picture.
+      if (!segments_.holds(one.segment)) continue;
       for (const Piece& piece : segments_.at(one.segment)) {
         Part part{};
         part.at = static_cast<std::uint32_t>(piece.room.offset / SegmentMemory::kAlign);
