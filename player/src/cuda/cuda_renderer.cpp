@@ -54,10 +54,8 @@ class CudaRenderer final : public Renderer {
     try {
       RenderStats sums;
       const auto begin = Clock::now();
-      STGS_ASSIGN(auto needed, timeline.needed_at(seconds));
-      STGS_TRY(segments_.hold(timeline, needed, seconds));
-      STGS_ASSIGN(needed, timeline.needed_at(seconds));
-      list_parts(timeline, needed);
+      STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
+      list_parts(timeline, alive);
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
       STGS_TRY(draw_views(timeline, seconds, views));
@@ -91,8 +89,7 @@ class CudaRenderer final : public Renderer {
     for (const Timeline::Needed& one : needed) {
       Part part{};
       part.primitives = timeline.reader().segments()[one.segment].primitives;
-      // A stream may have come by more since they were held; those are for the next picture.
-      if (part.primitives == 0 || !segments_.holds(one.segment)) continue;
+      if (part.primitives == 0) continue;
       part.at = segments_.at(one.segment);
       part.ticks = one.ticks;
       part.first_chunk = chunks;

@@ -73,10 +73,8 @@ class VulkanRenderer final : public Renderer {
     try {
       RenderStats sums;
       const auto begin = Clock::now();
-      STGS_ASSIGN(auto needed, timeline.needed_at(seconds));
-      STGS_TRY(segments_.hold(timeline, needed, seconds));
-      STGS_ASSIGN(needed, timeline.needed_at(seconds));
-      list_parts(needed);
+      STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
+      list_parts(alive);
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
       const int degree = timeline.reader().sh_degree();
@@ -117,8 +115,6 @@ class VulkanRenderer final : public Renderer {
     std::vector<std::vector<Part>> of_block(segments_.memory().blocks());
     chunks_ = 0;
     for (const Timeline::Needed& one : needed) {
-      // A stream may have come by more since they were held; those are for the next picture.
-      if (!segments_.holds(one.segment)) continue;
       for (const Piece& piece : segments_.at(one.segment)) {
         Part part{};
         part.at = static_cast<std::uint32_t>(piece.room.offset / SegmentMemory::kAlign);
