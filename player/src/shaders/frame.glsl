@@ -9,7 +9,7 @@ layout(std430, set = 0, binding = 0) readonly buffer InputBuffer {
 layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint alive;      // seen at the moment, on the screen or not
   uint visible;    // splats
-  uint listed;     // instances that are sorted and drawn: all of them, or none
+  uint listed;     // instances that are sorted and drawn: all, or as many as there is room for
   uint instances;  // in all, also where they did not fit; kManyInstances at most
   uvec4 work[kWorks];
 };

@@ -59,7 +59,7 @@ const uint kWorkSortDepth = 1u;        // visible splats
 const uint kWorkScanDepthDigits = 2u;  // kDigits a workgroup of the sort
 const uint kWorkCountTiles = 3u;       // visible splats
 const uint kWorkScanTiles = 4u;        // visible splats
-const uint kWorkListTiles = 5u;        // visible splats; none where the instances do not fit
+const uint kWorkListTiles = 5u;        // visible splats
 const uint kWorkSortTiles = 6u;        // listed instances
 const uint kWorkScanTileDigits = 7u;   // kDigits a workgroup of the sort
 const uint kWorkFindRanges = 8u;       // listed instances
@@ -70,11 +70,21 @@ const uint kTotalOfDigits = 0u;   // nothing
 const uint kTotalVisible = 1u;    // the work up to listing
 const uint kTotalInstances = 2u;  // the work after that
 
+// What the blend writes of a picture.
+const uint kPixelPlanes = 0u;  // floats, a plane a channel
+const uint kPixelRgba8 = 1u;   // of an image of the caller's, side by side
+const uint kPixelBgra8 = 2u;
+const uint kPixelRgb10 = 3u;   // red lowest, alpha the upper two bits
+const uint kPixelRgba16 = 4u;  // half floats
+const uint kPixelRgba32 = 5u;
+
 struct Push {
   uint work;                            // row that says how many items there are
   uint shift;                           // of the sort's digit, bits
   uint total;                           // what scan_sums does with the total
   uint first_part, part_count, groups;  // of a dispatch over a block
+  uint pixels;                          // kPixel...
+  uint with_depth;                      // beside such pixels the plane of depth; 0: without
 };
 
 STGS_LAYOUT_END

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Instances: for each splat, nearest first, the tiles that its ellipse meets. Those of one tile are
-// in the order of depth then, which the stable sort by tile keeps.
+// in the order of depth then, which the stable sort by tile keeps. The nearest are listed where not
+// all fit.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -29,6 +30,12 @@ uint place_of(uint rank) {
   return tile_places[rank] + tile_sums[rank / kScanTile];
 }
 
+void write_instance(uint to, uint tile, uint splat) {
+  if (to >= listed) return;
+  keys[to] = tile;
+  values[to] = splat;
+}
+
 void main() {
   uint thread = gl_LocalInvocationIndex;
   uint rank = group_number() * kGroup + thread;
@@ -44,10 +51,7 @@ void main() {
       for (int r = 0; r < f.rows; ++r) {
         ivec2 span = span_of(f, f.row + r);
         uint tile = uint((f.row + r) * view.tiles_x + span.x);
-        for (uint k = 0u; k < uint(span.y); ++k, ++to) {
-          keys[to] = tile + k;
-          values[to] = splat;
-        }
+        for (uint k = 0u; k < uint(span.y); ++k, ++to) write_instance(to, tile + k, splat);
       }
     }
   }
@@ -59,8 +63,7 @@ void main() {
       ivec2 span = span_of(f, f.row + r);
       uint tile = uint((f.row + r) * view.tiles_x + span.x);
       for (uint k = thread; k < uint(span.y); k += kGroup) {
-        keys[to + k] = tile + k;
-        values[to + k] = splat;
+        write_instance(to + k, tile + k, splat);
       }
       to += uint(span.y);
     }

@@ -29,7 +29,7 @@ void plan_visible(uint count) {
 }
 
 void plan_instances(uint count) {
-  uint fitting = count <= view.instance_capacity ? count : 0u;
+  uint fitting = min(count, view.instance_capacity);
   instances = count;
   listed = fitting;
   work[kWorkListTiles] = work_for(fitting > 0u ? visible : 0u, kGroup);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <mutex>
 #include <vector>
 
 #include "frame_layout.h"
@@ -14,6 +15,9 @@ constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+
+// volk's functions of instances are the process's: for making devices alone, one after the other.
+std::mutex volk_in_use;
 
 VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
                                           VkDebugUtilsMessageTypeFlagsEXT,
@@ -41,23 +45,61 @@ std::vector<VkQueueFamilyProperties> families_of(VkPhysicalDevice device) {
   return families;
 }
 
-// The family that computes, or -1 where the device cannot draw.
-int family_of(VkPhysicalDevice device) {
+// What a device lacks to be drawn with; empty where it is nothing.
+std::string lacking(VkPhysicalDevice device) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(device, &properties);
   const VkPhysicalDeviceLimits& limits = properties.limits;
-  if (properties.apiVersion < VK_API_VERSION_1_1 ||
-      limits.maxComputeWorkGroupInvocations < kGroup ||
-      limits.maxComputeWorkGroupSize[0] < kGroup ||
-      limits.maxComputeSharedMemorySize < kSharedBytes ||
-      limits.maxPerStageDescriptorStorageBuffers < kStorageBuffers) {
-    return -1;
+  if (properties.apiVersion < VK_API_VERSION_1_1) return "Vulkan 1.1";
+  if (limits.maxComputeWorkGroupInvocations < kGroup ||
+      limits.maxComputeWorkGroupSize[0] < kGroup) {
+    return fmt::format("workgroups of {} invocations", kGroup);
   }
+  if (limits.maxComputeSharedMemorySize < kSharedBytes) {
+    return fmt::format("{} bytes of shared memory", kSharedBytes);
+  }
+  if (limits.maxPerStageDescriptorStorageBuffers < kStorageBuffers) {
+    return fmt::format("{} storage buffers a stage", kStorageBuffers);
+  }
+  return {};
+}
+
+bool computes(const VkQueueFamilyProperties& family) {
+  return (family.queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
+}
+
+// The family that computes, or -1 where the device cannot draw.
+int family_of(VkPhysicalDevice device) {
+  if (!lacking(device).empty()) return -1;
   const auto families = families_of(device);
-  for (std::size_t i = 0; i < families.size(); ++i) {
-    if ((families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) != 0) return static_cast<int>(i);
+  const auto found = std::find_if(families.begin(), families.end(), computes);
+  return found == families.end() ? -1 : static_cast<int>(found - families.begin());
+}
+
+// Whether a device was made so that it has timeline semaphores.
+bool enables_timeline_semaphores(const VulkanDevice& lent) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(lent.physical_device, &properties);
+  const bool core = std::min(lent.api_version, properties.apiVersion) >= VK_API_VERSION_1_2;
+  const auto& names = lent.extensions;
+  if (!core && std::find(names.begin(), names.end(), VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME) ==
+                   names.end()) {
+    return false;
   }
-  return -1;
+  const auto* next = reinterpret_cast<const VkBaseInStructure*>(lent.features);
+  for (; next != nullptr; next = next->pNext) {
+    if (next->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES &&
+        reinterpret_cast<const VkPhysicalDeviceTimelineSemaphoreFeatures*>(next)
+                ->timelineSemaphore == VK_TRUE) {
+      return true;
+    }
+    if (next->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES &&
+        reinterpret_cast<const VkPhysicalDeviceVulkan12Features*>(next)->timelineSemaphore ==
+            VK_TRUE) {
+      return true;
+    }
+  }
+  return false;
 }
 
 }  // namespace
@@ -69,25 +111,71 @@ Status vk_status(VkResult result, const char* what) {
 
 Device::~Device() {
   if (context_.device != VK_NULL_HANDLE) {
-    vk.vkDeviceWaitIdle(context_.device);
+    if (!borrowed_) vk.vkDeviceWaitIdle(context_.device);
     vk.vkDestroyFence(context_.device, fence_, nullptr);
     vk.vkDestroyCommandPool(context_.device, pool_, nullptr);
-    vk.vkDestroyDevice(context_.device, nullptr);
+    if (!borrowed_) vk.vkDestroyDevice(context_.device, nullptr);
   }
-  if (context_.instance == VK_NULL_HANDLE) return;
+  if (borrowed_ || context_.instance == VK_NULL_HANDLE) return;
   if (messenger_ != VK_NULL_HANDLE) {
-    vkDestroyDebugUtilsMessengerEXT(context_.instance, messenger_, nullptr);
+    instance_.vkDestroyDebugUtilsMessengerEXT(context_.instance, messenger_, nullptr);
   }
-  vkDestroyInstance(context_.instance, nullptr);
+  instance_.vkDestroyInstance(context_.instance, nullptr);
 }
 
 Status Device::create(const VulkanSettings& settings) {
   settings_ = settings;
+  const std::lock_guard lock(volk_in_use);
   STGS_TRY(make_instance());
   STGS_TRY(choose());
   STGS_TRY(open());
   learn_limits();
   return make_commands();
+}
+
+Status Device::borrow(const VulkanDevice& lent) {
+  if (lent.instance == VK_NULL_HANDLE || lent.physical_device == VK_NULL_HANDLE ||
+      lent.device == VK_NULL_HANDLE || lent.queue == VK_NULL_HANDLE) {
+    return usage_error(
+        "a Vulkan device to draw with needs its instance, physical device, device and queue");
+  }
+  if (lent.api_version < VK_API_VERSION_1_1) {
+    return unsupported(
+        "the Vulkan instance is of version {}.{}; it must be made for 1.1 at least "
+        "(VkApplicationInfo::apiVersion)",
+        VK_API_VERSION_MAJOR(lent.api_version), VK_API_VERSION_MINOR(lent.api_version));
+  }
+  if (static_cast<bool>(lent.lock_queue) != static_cast<bool>(lent.unlock_queue)) {
+    return usage_error("a Vulkan queue that is locked must be unlocked: give both functions");
+  }
+  const std::lock_guard lock(volk_in_use);
+  if (lent.get_instance_proc_addr != nullptr) {
+    volkInitializeCustom(lent.get_instance_proc_addr);
+  } else if (volkInitialize() != VK_SUCCESS) {
+    return unsupported("there is no Vulkan loader (libvulkan.so.1)");
+  }
+  volkLoadInstanceOnly(lent.instance);
+  if (const std::string lacks = lacking(lent.physical_device); !lacks.empty()) {
+    return unsupported("the Vulkan device cannot draw: it has no {}", lacks);
+  }
+  const auto families = families_of(lent.physical_device);
+  if (lent.queue_family >= families.size() || !computes(families[lent.queue_family])) {
+    return usage_error("queue family {} of the Vulkan device does not compute", lent.queue_family);
+  }
+  borrowed_ = true;
+  context_ = lent;
+  timeline_semaphores_ = enables_timeline_semaphores(lent);
+  context_.features = nullptr;  // the caller's, for now only
+  keep_functions();
+  volkLoadDeviceTable(&vk, context_.device);
+  learn_limits();
+  return make_commands();
+}
+
+void Device::keep_functions() {
+  instance_.vkGetPhysicalDeviceFormatProperties = vkGetPhysicalDeviceFormatProperties;
+  instance_.vkDestroyDebugUtilsMessengerEXT = vkDestroyDebugUtilsMessengerEXT;
+  instance_.vkDestroyInstance = vkDestroyInstance;
 }
 
 Status Device::make_instance() {
@@ -128,6 +216,7 @@ Status Device::make_instance() {
                        static_cast<int>(result));
   }
   volkLoadInstanceOnly(context_.instance);
+  keep_functions();
   if (!validated) return {};
   return vk_status(vkCreateDebugUtilsMessengerEXT(context_.instance, &debug, nullptr, &messenger_),
                    "asking for messages");
@@ -146,12 +235,12 @@ Status Device::choose() {
     VkPhysicalDeviceProperties properties{};
     vkGetPhysicalDeviceProperties(device, &properties);
     const bool discrete = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
-    if (context_.physical != VK_NULL_HANDLE && !discrete) continue;
-    context_.physical = device;
-    context_.family = static_cast<std::uint32_t>(family);
+    if (context_.physical_device != VK_NULL_HANDLE && !discrete) continue;
+    context_.physical_device = device;
+    context_.queue_family = static_cast<std::uint32_t>(family);
     if (discrete) break;
   }
-  if (context_.physical != VK_NULL_HANDLE) return {};
+  if (context_.physical_device != VK_NULL_HANDLE) return {};
   return unsupported("there is no Vulkan device that can draw ({} found); use --backend cpu",
                      devices.size());
 }
@@ -159,17 +248,18 @@ Status Device::choose() {
 Status Device::open() {
   const float priority = 1.0f;
   auto queue = structure<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
-  queue.queueFamilyIndex = context_.family;
+  queue.queueFamilyIndex = context_.queue_family;
   queue.queueCount = 1;
   queue.pQueuePriorities = &priority;
   auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
-  const VkResult result = vkCreateDevice(context_.physical, &info, nullptr, &context_.device);
+  const VkResult result =
+      vkCreateDevice(context_.physical_device, &info, nullptr, &context_.device);
   if (result != VK_SUCCESS) context_.device = VK_NULL_HANDLE;
   STGS_TRY(vk_status(result, "opening a device"));
   volkLoadDeviceTable(&vk, context_.device);
-  vk.vkGetDeviceQueue(context_.device, context_.family, 0, &context_.queue);
+  vk.vkGetDeviceQueue(context_.device, context_.queue_family, 0, &context_.queue);
   return {};
 }
 
@@ -182,8 +272,8 @@ void Device::learn_limits() {
   auto properties =
       structure<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2);
   properties.pNext = &maintenance;
-  vkGetPhysicalDeviceProperties2(context_.physical, &properties);
-  vkGetPhysicalDeviceMemoryProperties(context_.physical, &memory_);
+  vkGetPhysicalDeviceProperties2(context_.physical_device, &properties);
+  vkGetPhysicalDeviceMemoryProperties(context_.physical_device, &memory_);
   const VkPhysicalDeviceLimits& limits = properties.properties.limits;
   most_range_ =
       std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
@@ -191,7 +281,8 @@ void Device::learn_limits() {
                       (subgroups.supportedOperations & VK_SUBGROUP_FEATURE_BALLOT_BIT) != 0 &&
                       (subgroups.subgroupSize == 16 || subgroups.subgroupSize == 32);
   ballot_lanes_ = ballot && settings_.ballot ? subgroups.subgroupSize : 0;
-  const std::uint32_t bits = families_of(context_.physical)[context_.family].timestampValidBits;
+  const std::uint32_t bits =
+      families_of(context_.physical_device)[context_.queue_family].timestampValidBits;
   if (bits == 0) return;
   timestamp_ns_ = static_cast<double>(limits.timestampPeriod);
   timestamp_mask_ = bits >= 64 ? kNoLimit : (std::uint64_t{1} << bits) - 1;
@@ -199,7 +290,7 @@ void Device::learn_limits() {
 
 Status Device::make_commands() {
   auto pool = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
-  pool.queueFamilyIndex = context_.family;
+  pool.queueFamilyIndex = context_.queue_family;
   STGS_TRY(vk_status(vk.vkCreateCommandPool(context_.device, &pool, nullptr, &pool_),
                      "creating a command pool"));
   auto info =
@@ -240,10 +331,28 @@ Status Device::finish(VkCommandBuffer commands) {
   auto info = structure<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
   info.commandBufferCount = 1;
   info.pCommandBuffers = &commands;
-  STGS_TRY(vk_status(vk.vkResetFences(context_.device, 1, &fence_), "resetting a fence"));
-  STGS_TRY(vk_status(vk.vkQueueSubmit(context_.queue, 1, &info, fence_), "starting commands"));
-  return vk_status(vk.vkWaitForFences(context_.device, 1, &fence_, VK_TRUE, kNoLimit),
+  STGS_TRY(submit({&info, 1}, fence_));
+  return wait(fence_);
+}
+
+Status Device::submit(std::span<const VkSubmitInfo> batches, VkFence fence) {
+  STGS_TRY(vk_status(vk.vkResetFences(context_.device, 1, &fence), "resetting a fence"));
+  if (context_.lock_queue) context_.lock_queue();
+  const VkResult result = vk.vkQueueSubmit(
+      context_.queue, static_cast<std::uint32_t>(batches.size()), batches.data(), fence);
+  if (context_.unlock_queue) context_.unlock_queue();
+  return vk_status(result, "starting commands");
+}
+
+Status Device::wait(VkFence fence) const {
+  return vk_status(vk.vkWaitForFences(context_.device, 1, &fence, VK_TRUE, kNoLimit),
                    "waiting for the device");
+}
+
+VkFormatFeatureFlags Device::features_of(VkFormat format) const {
+  VkFormatProperties properties{};
+  instance_.vkGetPhysicalDeviceFormatProperties(context_.physical_device, format, &properties);
+  return properties.optimalTilingFeatures;
 }
 
 }  // namespace stgs::player::vulkan

@@ -5,9 +5,11 @@
 #include <volk.h>
 
 #include <cstdint>
+#include <span>
 #include <string>
 
 #include "stgs/format/status.h"
+#include "stgs/player/vulkan_renderer.h"
 #include "vulkan/vulkan_renderer.h"
 
 namespace stgs::player::vulkan {
@@ -23,16 +25,14 @@ T structure(VkStructureType type) {
   return made;
 }
 
-// What a renderer draws with, whoever owns it.
-struct VulkanContext {
-  VkInstance instance = VK_NULL_HANDLE;  // of API version 1.1 at least, as the device
-  VkPhysicalDevice physical = VK_NULL_HANDLE;
-  VkDevice device = VK_NULL_HANDLE;
-  std::uint32_t family = 0;
-  VkQueue queue = VK_NULL_HANDLE;  // of the family, which computes
+// Of an instance: what is called after the device is there.
+struct InstanceFunctions {
+  PFN_vkGetPhysicalDeviceFormatProperties vkGetPhysicalDeviceFormatProperties = nullptr;
+  PFN_vkDestroyDebugUtilsMessengerEXT vkDestroyDebugUtilsMessengerEXT = nullptr;
+  PFN_vkDestroyInstance vkDestroyInstance = nullptr;
 };
 
-// One thread; the queue is nobody else's meanwhile.
+// Of its own or borrowed. One thread at a time.
 class Device {
  public:
   Device() = default;
@@ -40,12 +40,16 @@ class Device {
   Device& operator=(const Device&) = delete;
   ~Device();
 
-  // Makes an instance and a device of its own.
+  // One of the two, once: makes an instance and a device of its own, or takes the caller's.
   Status create(const VulkanSettings& settings);
+  Status borrow(const VulkanDevice& lent);
 
   // The device's functions.
   VolkDeviceTable vk{};
   VkDevice handle() const { return context_.device; }
+  std::uint32_t family() const { return context_.queue_family; }
+  bool has_timeline_semaphores() const { return timeline_semaphores_; }
+  VkFormatFeatureFlags features_of(VkFormat format) const;  // of images with optimal tiling
   std::uint64_t most_range() const { return most_range_; }  // bytes of a storage buffer
   // Of the subgroups if the ballot shaders run with them, else 0.
   std::uint32_t ballot_lanes() const { return ballot_lanes_; }
@@ -58,16 +62,21 @@ class Device {
   // A command buffer that is ready to be recorded, and runs it to its end.
   Status begin(VkCommandBuffer* commands);
   Status finish(VkCommandBuffer commands);
+  Status submit(std::span<const VkSubmitInfo> batches, VkFence fence);
+  Status wait(VkFence fence) const;
 
  private:
   Status make_instance();
   Status choose();
   Status open();
+  void keep_functions();
   void learn_limits();
   Status make_commands();
 
   VulkanSettings settings_;
-  VulkanContext context_;
+  VulkanDevice context_;
+  bool borrowed_ = false, timeline_semaphores_ = false;
+  InstanceFunctions instance_;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkPhysicalDeviceMemoryProperties memory_{};
   VkCommandPool pool_ = VK_NULL_HANDLE;

@@ -2,6 +2,7 @@
 // What the stages of a view leave for each other. Views share it, one after the other.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -23,6 +24,15 @@ inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkByte
 struct FrameNeed {
   std::uint32_t chunks = 0, tiles = 0, parts = 0;
   std::uint64_t instances = 0;
+  bool fits(const FrameNeed& room) const {
+    return chunks <= room.chunks && tiles <= room.tiles && parts <= room.parts &&
+           instances <= room.instances;
+  }
+  // What is enough for both.
+  FrameNeed with(const FrameNeed& other) const {
+    return {std::max(chunks, other.chunks), std::max(tiles, other.tiles),
+            std::max(parts, other.parts), std::max(instances, other.instances)};
+  }
 };
 
 struct FrameBuffers {

@@ -29,7 +29,8 @@ FrameCommands::~FrameCommands() {
   if (device_ != nullptr) device_->vk.vkDestroyDescriptorPool(device_->handle(), pool_, nullptr);
 }
 
-Status FrameCommands::make_room(const Device& device, std::uint32_t sets) {
+Status FrameCommands::begin(const Device& device, std::size_t views, std::size_t blocks) {
+  const auto sets = static_cast<std::uint32_t>(views * (kStageSets + blocks));
   const auto& vk = device.vk;
   device_ = &device;
   if (sets <= sets_) {
@@ -38,8 +39,9 @@ Status FrameCommands::make_room(const Device& device, std::uint32_t sets) {
   vk.vkDestroyDescriptorPool(device.handle(), pool_, nullptr);
   pool_ = VK_NULL_HANDLE;
   sets_ = 0;
-  const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                  kFrameBindings + sets * kStageBindings};
+  const VkDescriptorPoolSize size{
+      VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+      static_cast<std::uint32_t>(kMaxViews) * kFrameBindings + sets * kStageBindings};
   auto info = structure<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
   info.maxSets = sets;
   info.poolSizeCount = 1;
@@ -63,7 +65,7 @@ class FrameCommands::Recorder {
 
   Status record(const SegmentMemory& memory) {
     if (work_.times != VK_NULL_HANDLE) {
-      device_.vk.vkCmdResetQueryPool(commands_, work_.times, 0, kTimes);
+      device_.vk.vkCmdResetQueryPool(commands_, work_.times, kTimes * work_.number, kTimes);
     }
     time(0);
     send();
@@ -72,14 +74,19 @@ class FrameCommands::Recorder {
     time(1);
     STGS_TRY(bin());
     time(2);
-    const auto& list = b_.tile_splats[passes() % 2];
-    STGS_TRY(stage({list.handle(), list.handle(), list.handle(), list.handle()}));
-    use(Shader::kBlend, {});
+    const VkBuffer list = b_.tile_splats[passes() % 2].handle();
+    const PictureBuffers& picture = work_.picture;
+    STGS_TRY(
+        stage({list, list, picture.packed != VK_NULL_HANDLE ? picture.packed : unused(), list}));
+    Push push{};
+    push.pixels = picture.pixels;
+    push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
+    use(Shader::kBlend, push);
     device_.vk.vkCmdDispatch(commands_, static_cast<std::uint32_t>(work_.input->tiles_x),
                              static_cast<std::uint32_t>(work_.input->tiles_y), 1);
     time(3);
     barrier(device_, commands_);
-    const VkBufferCopy counts{0, 0, sizeof(Counts)};
+    const VkBufferCopy counts{0, work_.number * sizeof(Counts), sizeof(Counts)};
     device_.vk.vkCmdCopyBuffer(commands_, b_.counts.handle(), work_.told, 1, &counts);
     barrier(device_, commands_);
     return {};
@@ -92,11 +99,13 @@ class FrameCommands::Recorder {
     return static_cast<std::uint32_t>(work_.input->tiles_x * work_.input->tiles_y);
   }
   std::size_t passes() const { return static_cast<std::size_t>(tile_passes(tiles())); }
+  // Bound where the blend writes nothing: the sort's other list, which is not needed any more.
+  VkBuffer unused() const { return b_.tile_splats[1 - passes() % 2].handle(); }
 
   void time(std::uint32_t number) {
     if (work_.times == VK_NULL_HANDLE) return;
     device_.vk.vkCmdWriteTimestamp(commands_, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, work_.times,
-                                   number);
+                                   kTimes * work_.number + number);
   }
 
   void update(const Buffer& to, std::uint64_t offset, const void* data, std::uint64_t bytes) {
@@ -152,8 +161,10 @@ class FrameCommands::Recorder {
                                  &b_.tile_ranges, &b_.digit_places, &b_.digit_sums}) {
       infos.push_back({buffer->handle(), 0, VK_WHOLE_SIZE});
     }
-    for (std::uint32_t plane = 0; plane < kPlanes; ++plane) {
-      infos.push_back({work_.picture, plane * work_.plane_bytes, work_.plane_bytes});
+    for (const VkDescriptorBufferInfo& plane : work_.picture.planes) {
+      infos.push_back(plane.buffer != VK_NULL_HANDLE
+                          ? plane
+                          : VkDescriptorBufferInfo{unused(), 0, VK_WHOLE_SIZE});
     }
     return bind(0, pipelines_.frame_set(), infos);
   }
@@ -262,8 +273,7 @@ class FrameCommands::Recorder {
 
 Status FrameCommands::record(const Device& device, const Pipelines& pipelines,
                              const SegmentMemory& memory, const FrameBuffers& buffers,
-                             const FrameWork& work, VkCommandBuffer commands) {
-  STGS_TRY(make_room(device, kStageSets + static_cast<std::uint32_t>(work.blocks.size())));
+                             const FrameWork& work, VkCommandBuffer commands) const {
   return Recorder(device, pipelines, buffers, work, pool_, commands).record(memory);
 }
 

@@ -16,21 +16,30 @@ struct BlockParts {
   std::uint32_t block, first_part, parts, groups;
 };
 
+inline constexpr std::uint32_t kPlanes = 5;  // red, green, blue, alpha, depth
+inline constexpr std::uint32_t kTimes = 4;   // begin, sliced, binned, blended
+
+// Where the picture of a view goes.
+struct PictureBuffers {
+  std::uint32_t pixels = kPixelPlanes;
+  // Of kPixelPlanes all; else depth where it is wanted. What is not written is null.
+  std::array<VkDescriptorBufferInfo, kPlanes> planes{};
+  VkBuffer packed = VK_NULL_HANDLE;  // of other pixels
+};
+
 // What a view is drawn from and with.
 struct FrameWork {
   const ViewInput* input;
   std::span<const Part> parts;  // those of a block side by side
   std::span<const BlockParts> blocks;
   int sh_degree;
-  VkBuffer picture;           // kPlanes planes of floats
-  std::uint64_t plane_bytes;  // from one to the next
-  VkBuffer told;              // where the Counts go, for the host
-  VkQueryPool times;          // kTimes of them; null where there are none
+  PictureBuffers picture;
+  std::uint32_t number;  // of the view
+  VkBuffer told;         // where the Counts of each view go, for the host
+  VkQueryPool times;     // kTimes of each view; null where there are none
 };
-inline constexpr std::uint32_t kPlanes = 5;  // red, green, blue, alpha, depth
-inline constexpr std::uint32_t kTimes = 4;   // begin, sliced, binned, blended
 
-// The sets of buffers that a view's commands use; one command buffer at a time.
+// The sets of buffers that a frame's commands use; one command buffer at a time.
 class FrameCommands {
  public:
   FrameCommands() = default;
@@ -38,13 +47,15 @@ class FrameCommands {
   FrameCommands& operator=(const FrameCommands&) = delete;
   ~FrameCommands();
 
-  // Records a view. Nothing that was recorded before may still run.
+  // Before the views of a frame, which have so many blocks each. Nothing that was recorded before
+  // may still run.
+  Status begin(const Device& device, std::size_t views, std::size_t blocks);
+  // Records a view.
   Status record(const Device& device, const Pipelines& pipelines, const SegmentMemory& memory,
-                const FrameBuffers& buffers, const FrameWork& work, VkCommandBuffer commands);
+                const FrameBuffers& buffers, const FrameWork& work, VkCommandBuffer commands) const;
 
  private:
   class Recorder;
-  Status make_room(const Device& device, std::uint32_t sets);
 
   const Device* device_ = nullptr;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;

@@ -86,6 +86,8 @@ Status SegmentCache::send_piece(const Gaussians4D& set, std::size_t first, Piece
   const auto copy = [&]() -> Status {
     VkCommandBuffer commands = VK_NULL_HANDLE;
     STGS_TRY(device_->begin(&commands));
+    // What frames on their way read of the block.
+    barrier(*device_, commands);
     const VkBufferCopy region{0, room.offset, bytes};
     device_->vk.vkCmdCopyBuffer(commands, staging_.handle(), memory_.buffer(room.block), 1,
                                 &region);

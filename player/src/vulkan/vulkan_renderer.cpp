@@ -8,10 +8,12 @@
 #include <cmath>
 #include <cstring>
 #include <exception>
+#include <utility>
 #include <vector>
 
 #include "views.h"
-#include "vulkan/frame_commands.h"
+#include "vulkan/caller_images.h"
+#include "vulkan/frame_slot.h"
 #include "vulkan/packed_segment.h"
 #include "vulkan/segment_cache.h"
 
@@ -25,43 +27,37 @@ using Clock = std::chrono::steady_clock;
 constexpr std::uint64_t kInstancesEach = 4;
 constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 18;
 constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
+// Frames that nobody waits for are to fit: room is made from so full a list on, and for so much.
+constexpr double kFull = 0.8, kRoomier = 1.5;
 
 int tiles_along(int pixels) {
   return (pixels + kTilePixels - 1) / kTilePixels;
 }
 
-// One of the views of a call: its picture, and what was counted.
-struct Slot {
+// One of the views of a call: its picture. Frames use it one after the other.
+struct Picture {
   int width = 0, height = 0;
-  Buffer picture;
+  Buffer planes;         // of draw()
+  Buffer packed, depth;  // of submit(), for the caller's images
   std::uint64_t pixels() const {
     return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
   }
   std::uint64_t plane_bytes() const {
     return (sizeof(float) * pixels() + kPlaneAlign - 1) / kPlaneAlign * kPlaneAlign;
   }
-  std::uint64_t picture_bytes() const { return kPlanes * plane_bytes(); }
+  std::uint64_t plane_bytes_together() const { return kPlanes * plane_bytes(); }
 };
 
-class VulkanRenderer final : public Renderer {
+class ComputeRenderer final : public VulkanRenderer {
  public:
-  explicit VulkanRenderer(const VulkanSettings& settings) : settings_(settings) {}
-  ~VulkanRenderer() override {
-    if (times_ != VK_NULL_HANDLE) {
-      device_.vk.vkDestroyQueryPool(device_.handle(), times_, nullptr);
-    }
-  }
+  explicit ComputeRenderer(const VulkanSettings& settings) : settings_(settings) {}
 
-  Status create() {
-    STGS_TRY(device_.create(settings_));
+  // On the caller's device where there is one, else on its own.
+  Status create(const VulkanDevice* lent) {
+    STGS_TRY(lent != nullptr ? device_.borrow(*lent) : device_.create(settings_));
     segments_.create(device_, settings_.block_bytes);
-    STGS_TRY(told_.create(device_, sizeof(Counts), Place::kHost));
-    if (device_.timestamp_ns() == 0) return {};
-    auto info = structure<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
-    info.queryType = VK_QUERY_TYPE_TIMESTAMP;
-    info.queryCount = kTimes;
-    return vk_status(device_.vk.vkCreateQueryPool(device_.handle(), &info, nullptr, &times_),
-                     "making room for times");
+    for (FrameSlot& slot : slots_) STGS_TRY(slot.create(device_));
+    return {};
   }
 
   std::string name() const override { return "vulkan"; }
@@ -71,21 +67,11 @@ class VulkanRenderer final : public Renderer {
     STGS_TRY(check_views(views));
     drawn_views_ = 0;
     try {
-      RenderStats sums;
-      const auto begin = Clock::now();
-      STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
-      list_parts(alive);
-      sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-      sums.stored = segments_.stored_primitives();
-      const int degree = timeline.reader().sh_degree();
-      STGS_TRY(pipelines_.create(device_, degree));
-      for (std::size_t i = 0; i < views.size(); ++i) {
-        STGS_TRY(draw_view(timeline, seconds, degree, views[i], slots_[i]));
-        sums.alive = counted().alive;
-        sums.drawn += counted().visible;
-        STGS_TRY(add_times(sums));
-      }
-      if (stats != nullptr) *stats = sums;
+      STGS_TRY(wait());
+      FrameSlot& slot = slots_[0];
+      STGS_TRY(prepare(timeline, seconds, views, slot.stats));
+      STGS_TRY(draw_whole(timeline, seconds, views, slot));
+      if (stats != nullptr) *stats = slot.stats;
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }
@@ -96,20 +82,53 @@ class VulkanRenderer final : public Renderer {
   Status read(std::vector<Frame>& frames) override {
     try {
       frames.resize(drawn_views_);
-      for (std::size_t i = 0; i < drawn_views_; ++i) STGS_TRY(read_slot(slots_[i], frames[i]));
+      for (std::size_t i = 0; i < drawn_views_; ++i) STGS_TRY(read_one(pictures_[i], frames[i]));
     } catch (const std::exception& e) {
       return runtime_error("no memory for a picture: {}", e.what());
     }
     return {};
   }
 
- private:
-  Counts counted() const {
-    Counts counts{};
-    std::memcpy(&counts, told_.mapped(), sizeof(counts));
-    return counts;
+  Result<std::uint64_t> submit(Timeline& timeline, double seconds, const std::vector<View>& views,
+                               const VulkanSubmission& to) override {
+    STGS_TRY(check_views(views));
+    STGS_TRY(check_submission(device_, views, to));
+    drawn_views_ = 0;
+    try {
+      STGS_TRY(look());
+      FrameSlot& slot = slots_[(number_ + 1) % slots_.size()];
+      if (slot.on_its_way()) {
+        STGS_TRY(slot.wait());
+        STGS_TRY(take(slot));
+      }
+      STGS_TRY(prepare(timeline, seconds, views, slot.stats));
+      STGS_TRY(make_room(views, &to));
+      STGS_TRY(record(views, &to, slot));
+      for (std::size_t i = 0; i < views.size(); ++i) hand_over(pictures_[i], to.targets[i], slot);
+      STGS_TRY(slot.submit(to.wait, to.signal));
+      slot.number = ++number_;
+    } catch (const std::exception& e) {
+      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
+    }
+    return number_;
   }
 
+  Result<VulkanFrame> last_ended() override {
+    STGS_TRY(look());
+    return ended_;
+  }
+
+  Status wait() override {
+    for (std::size_t i = 1; i <= slots_.size(); ++i) {
+      FrameSlot& slot = slots_[(number_ + i) % slots_.size()];
+      if (!slot.on_its_way()) continue;
+      STGS_TRY(slot.wait());
+      STGS_TRY(take(slot));
+    }
+    return {};
+  }
+
+ private:
   // The pieces that are drawn, numbered in the order of ids, then put together by block.
   void list_parts(const std::vector<Timeline::Needed>& needed) {
     std::vector<std::vector<Part>> of_block(segments_.memory().blocks());
@@ -141,98 +160,200 @@ class VulkanRenderer final : public Renderer {
     }
   }
 
-  ViewInput input_of(const View& view, const Slot& slot) const {
+  // Brings what is alive to the device, and says what of it is drawn.
+  Status prepare(Timeline& timeline, double seconds, const std::vector<View>& views,
+                 RenderStats& stats) {
+    const auto begin = Clock::now();
+    STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
+    list_parts(alive);
+    stats = {};
+    stats.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+    stats.stored = segments_.stored_primitives();
+    sh_degree_ = timeline.reader().sh_degree();
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      pictures_[i].width = static_cast<int>(std::lround(views[i].camera.width));
+      pictures_[i].height = static_cast<int>(std::lround(views[i].camera.height));
+    }
+    return pipelines_.create(device_, sh_degree_);
+  }
+
+  ViewInput input_of(const View& view, const Picture& picture) const {
     ViewInput input{};
     input.camera = view.camera;
     input.centre = math::camera_centre(view.camera);
     input.background = view.background;
-    input.width = slot.width;
-    input.height = slot.height;
-    input.tiles_x = tiles_along(slot.width);
-    input.tiles_y = tiles_along(slot.height);
+    input.width = picture.width;
+    input.height = picture.height;
+    input.tiles_x = tiles_along(picture.width);
+    input.tiles_y = tiles_along(picture.height);
     input.chunks = chunks_;
-    input.instance_capacity = static_cast<std::uint32_t>(
-        std::min(buffers_.instance_capacity(), FrameBuffers::most_instances(device_)));
+    input.instance_capacity = static_cast<std::uint32_t>(capacity());
     return input;
   }
 
-  // Draws, and again with more room where the instances did not fit.
-  Status draw_view(const Timeline& timeline, double seconds, int degree, const View& view,
-                   Slot& slot) {
-    slot.width = static_cast<int>(std::lround(view.camera.width));
-    slot.height = static_cast<int>(std::lround(view.camera.height));
-    if (slot.plane_bytes() > device_.most_range()) {
+  std::uint64_t capacity() const {
+    return std::min(buffers_.instance_capacity(), FrameBuffers::most_instances(device_));
+  }
+
+  // Of what frames share. Frames on their way use what there is, so that it grows between frames.
+  Status grow(Buffer& buffer, std::uint64_t bytes, const Picture& picture, std::uint64_t at_once) {
+    if (at_once > device_.most_range()) {
       return unsupported(
           "a picture of {}x{} pixels is larger than the Vulkan device's storage buffers ({} MiB); "
           "use --backend cpu",
-          slot.width, slot.height, device_.most_range() >> 20);
+          picture.width, picture.height, device_.most_range() >> 20);
     }
-    STGS_TRY(slot.picture.ensure(device_, slot.picture_bytes(), Place::kDevice));
-    const std::uint64_t most = FrameBuffers::most_instances(device_);
+    if (bytes <= buffer.bytes()) return {};
+    STGS_TRY(wait());
+    return buffer.ensure(device_, bytes, Place::kDevice);
+  }
+
+  // For the pictures, in planes where `to` is null, and for what they are drawn with.
+  Status make_room(const std::vector<View>& views, const VulkanSubmission* to) {
     FrameNeed need;
     need.chunks = chunks_;
     need.parts = static_cast<std::uint32_t>(parts_.size());
-    need.tiles = static_cast<std::uint32_t>(tiles_along(slot.width) * tiles_along(slot.height));
-    if (buffers_.instance_capacity() == 0) {
-      need.instances = settings_.instances > 0
-                           ? settings_.instances
-                           : std::max(kLeastInstances, kInstancesEach * kGroup * chunks_);
-      need.instances = std::min(need.instances, most);
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      Picture& p = pictures_[i];
+      const auto tiles = static_cast<std::uint32_t>(tiles_along(p.width) * tiles_along(p.height));
+      need.tiles = std::max(need.tiles, tiles);
+      if (to == nullptr) {
+        STGS_TRY(grow(p.planes, p.plane_bytes_together(), p, p.plane_bytes()));
+        continue;
+      }
+      const std::uint64_t bytes = pixel_format(to->targets[i].colour.format).bytes * p.pixels();
+      STGS_TRY(grow(p.packed, bytes, p, bytes));
+      if (to->targets[i].depth) STGS_TRY(grow(p.depth, p.plane_bytes(), p, p.plane_bytes()));
     }
+    if (buffers_.instance_capacity() == 0 && wanted_instances_ == 0) {
+      wanted_instances_ = settings_.instances > 0
+                              ? settings_.instances
+                              : std::max(kLeastInstances, kInstancesEach * kGroup * chunks_);
+    }
+    need.instances = std::min(wanted_instances_, FrameBuffers::most_instances(device_));
+    if (need.fits(room_)) return {};
+    STGS_TRY(wait());
+    room_ = need.with(room_);
+    return buffers_.ensure(device_, room_);
+  }
+
+  PictureBuffers buffers_of(const Picture& picture, const VulkanTarget* to) const {
+    PictureBuffers out;
+    for (std::uint32_t plane = 0; to == nullptr && plane < kPlanes; ++plane) {
+      out.planes[plane] = {picture.planes.handle(), plane * picture.plane_bytes(),
+                           picture.plane_bytes()};
+    }
+    if (to == nullptr) return out;
+    out.pixels = pixel_format(to->colour.format).pixels;
+    out.packed = picture.packed.handle();
+    if (to->depth) out.planes[kPlanes - 1] = {picture.depth.handle(), 0, picture.plane_bytes()};
+    return out;
+  }
+
+  Status record(const std::vector<View>& views, const VulkanSubmission* to, FrameSlot& slot) {
+    STGS_TRY(slot.begin(views.size(), blocks_.size()));
+    slot.capacity = capacity();
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      const ViewInput input = input_of(views[i], pictures_[i]);
+      const FrameWork work{&input,
+                           parts_,
+                           blocks_,
+                           sh_degree_,
+                           buffers_of(pictures_[i], to == nullptr ? nullptr : &to->targets[i]),
+                           static_cast<std::uint32_t>(i),
+                           slot.told(),
+                           slot.times()};
+      STGS_TRY(
+          slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw()));
+    }
+    return {};
+  }
+
+  void hand_over(const Picture& picture, const VulkanTarget& to, const FrameSlot& slot) {
+    copy_picture(device_, picture.packed.handle(), to.colour, slot.hand_over());
+    if (to.depth) copy_picture(device_, picture.depth.handle(), *to.depth, slot.hand_over());
+  }
+
+  // Instances of the view that has most.
+  static std::uint64_t most_listed(const FrameSlot& slot) {
+    std::uint64_t most = 0;
+    for (std::size_t i = 0; i < slot.views; ++i) {
+      most = std::max<std::uint64_t>(most, slot.counts(i).instances);
+    }
+    return most;
+  }
+
+  static Status count(FrameSlot& slot) {
+    for (std::size_t i = 0; i < slot.views; ++i) {
+      const Counts counts = slot.counts(i);
+      slot.stats.alive = counts.alive;
+      slot.stats.drawn += counts.visible;
+    }
+    return slot.add_times(slot.views, slot.stats);
+  }
+
+  // Draws, and again with more room where the instances did not fit.
+  Status draw_whole(const Timeline& timeline, double seconds, const std::vector<View>& views,
+                    FrameSlot& slot) {
     for (;;) {
-      STGS_TRY(buffers_.ensure(device_, need));
-      const ViewInput input = input_of(view, slot);
-      const FrameWork work{
-          &input,         parts_, blocks_, degree, slot.picture.handle(), slot.plane_bytes(),
-          told_.handle(), times_};
-      VkCommandBuffer commands = VK_NULL_HANDLE;
-      STGS_TRY(device_.begin(&commands));
-      STGS_TRY(commands_.record(device_, pipelines_, segments_.memory(), buffers_, work, commands));
-      STGS_TRY(device_.finish(commands));
-      need.instances = counted().instances;
-      if (need.instances <= input.instance_capacity) return {};
-      if (need.instances > most) {
+      STGS_TRY(make_room(views, nullptr));
+      STGS_TRY(record(views, nullptr, slot));
+      STGS_TRY(slot.submit({}, {}));
+      STGS_TRY(slot.wait());
+      const std::uint64_t listed = most_listed(slot);
+      if (listed <= slot.capacity) return count(slot);
+      const std::uint64_t most = FrameBuffers::most_instances(device_);
+      if (listed > most) {
         return runtime_error(
             "{}: cannot draw {} s: the view's splats touch more tiles than a frame can list "
             "(2^{})",
             timeline.name(), seconds, std::bit_width(most) - 1);
       }
+      wanted_instances_ = listed;
     }
   }
 
-  Status add_times(RenderStats& stats) {
-    if (times_ == VK_NULL_HANDLE) return {};
-    std::uint64_t at[kTimes] = {};
-    STGS_TRY(
-        vk_status(device_.vk.vkGetQueryPoolResults(device_.handle(), times_, 0, kTimes, sizeof(at),
-                                                   at, sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
-                  "reading the times of the stages"));
-    double* const sums[] = {&stats.slice_ms, &stats.bin_ms, &stats.blend_ms};
-    for (std::size_t stage = 0; stage + 1 < kTimes; ++stage) {
-      const std::uint64_t steps = (at[stage + 1] - at[stage]) & device_.timestamp_mask();
-      const double ms = 1e-6 * device_.timestamp_ns() * static_cast<double>(steps);
-      *sums[stage] += ms;
-      stats.device_ms += ms;
+  // What the frames that have ended tell, in their order.
+  Status look() {
+    for (std::size_t i = 1; i <= slots_.size(); ++i) {
+      FrameSlot& slot = slots_[(number_ + i) % slots_.size()];
+      if (!slot.on_its_way()) continue;
+      STGS_ASSIGN(const bool ended, slot.has_ended());
+      if (!ended) return {};
+      STGS_TRY(take(slot));
     }
     return {};
   }
 
-  Status read_slot(const Slot& slot, Frame& frame) {
-    STGS_TRY(read_back_.ensure(device_, slot.picture_bytes(), Place::kHost));
+  Status take(FrameSlot& slot) {
+    STGS_TRY(count(slot));
+    const std::uint64_t listed = most_listed(slot);
+    ended_ = {slot.number, listed <= slot.capacity, slot.stats};
+    const auto instances = static_cast<double>(listed);
+    if (instances > kFull * static_cast<double>(slot.capacity)) {
+      wanted_instances_ =
+          std::max(wanted_instances_, static_cast<std::uint64_t>(kRoomier * instances));
+    }
+    return {};
+  }
+
+  Status read_one(const Picture& picture, Frame& frame) {
+    const std::uint64_t bytes = picture.plane_bytes_together();
+    STGS_TRY(read_back_.ensure(device_, bytes, Place::kHost));
     VkCommandBuffer commands = VK_NULL_HANDLE;
     STGS_TRY(device_.begin(&commands));
-    const VkBufferCopy region{0, 0, slot.picture_bytes()};
-    device_.vk.vkCmdCopyBuffer(commands, slot.picture.handle(), read_back_.handle(), 1, &region);
+    const VkBufferCopy region{0, 0, bytes};
+    device_.vk.vkCmdCopyBuffer(commands, picture.planes.handle(), read_back_.handle(), 1, &region);
     barrier(device_, commands);
     STGS_TRY(device_.finish(commands));
-    frame.colour.reshape(slot.width, slot.height, 3);
-    frame.alpha.reshape(slot.width, slot.height, 1);
-    frame.depth.reshape(slot.width, slot.height, 1);
+    frame.colour.reshape(picture.width, picture.height, 3);
+    frame.alpha.reshape(picture.width, picture.height, 1);
+    frame.depth.reshape(picture.width, picture.height, 1);
     const std::uint8_t* from = read_back_.mapped();
     for (Image* image : {&frame.colour, &frame.alpha, &frame.depth}) {
-      for (std::size_t at = 0; at < image->data.size(); at += slot.pixels()) {
-        std::memcpy(image->data.data() + at, from, sizeof(float) * slot.pixels());
-        from += slot.plane_bytes();
+      for (std::size_t at = 0; at < image->data.size(); at += picture.pixels()) {
+        std::memcpy(image->data.data() + at, from, sizeof(float) * picture.pixels());
+        from += picture.plane_bytes();
       }
     }
     return {};
@@ -243,22 +364,41 @@ class VulkanRenderer final : public Renderer {
   Pipelines pipelines_;
   SegmentCache segments_;
   FrameBuffers buffers_;
-  FrameCommands commands_;
-  Buffer told_, read_back_;
-  VkQueryPool times_ = VK_NULL_HANDLE;
-  std::array<Slot, kMaxViews> slots_;
+  FrameNeed room_;  // that buffers_ have
+  std::uint64_t wanted_instances_ = 0;
+  Buffer read_back_;
+  std::array<Picture, kMaxViews> pictures_;
   std::vector<Part> parts_;  // of the moment
   std::vector<BlockParts> blocks_;
   std::uint32_t chunks_ = 0;
+  int sh_degree_ = 0;
   std::size_t drawn_views_ = 0;
+  std::uint64_t number_ = 0;  // of the last frame that was submitted
+  VulkanFrame ended_;
+  std::array<FrameSlot, kFramesOnTheWay> slots_;  // last: its destructor waits for the frames
 };
+
+Result<std::unique_ptr<VulkanRenderer>> make(const VulkanSettings& settings,
+                                             const VulkanDevice* lent) {
+  auto renderer = std::make_unique<ComputeRenderer>(settings);
+  STGS_TRY(renderer->create(lent));
+  return std::unique_ptr<VulkanRenderer>(std::move(renderer));
+}
 
 }  // namespace
 
 Result<std::unique_ptr<Renderer>> make_vulkan_renderer(const VulkanSettings& settings) {
-  auto renderer = std::make_unique<VulkanRenderer>(settings);
-  STGS_TRY(renderer->create());
+  STGS_ASSIGN(auto renderer, make(settings, nullptr));
   return std::unique_ptr<Renderer>(std::move(renderer));
+}
+
+Result<std::unique_ptr<VulkanRenderer>> make_vulkan_renderer(const VulkanDevice& device) {
+  return make_vulkan_renderer(device, VulkanSettings{});
+}
+
+Result<std::unique_ptr<VulkanRenderer>> make_vulkan_renderer(const VulkanDevice& device,
+                                                             const VulkanSettings& settings) {
+  return make(settings, &device);
 }
 
 }  // namespace stgs::player

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/frame_slot.h"
+
+#include <cstring>
+#include <vector>
+
+namespace stgs::player::vulkan {
+namespace {
+
+// The semaphores of a batch as Vulkan takes them.
+struct Semaphores {
+  explicit Semaphores(std::span<const VulkanSemaphore> from) {
+    for (const VulkanSemaphore& one : from) {
+      handles.push_back(one.semaphore);
+      values.push_back(one.value);
+      timeline = timeline || one.value > 0;
+    }
+  }
+  std::uint32_t count() const { return static_cast<std::uint32_t>(handles.size()); }
+
+  std::vector<VkSemaphore> handles;
+  std::vector<std::uint64_t> values;
+  bool timeline = false;
+};
+
+}  // namespace
+
+FrameSlot::~FrameSlot() {
+  if (device_ == nullptr) return;
+  if (on_its_way_) (void)device_->wait(fence_);
+  const auto& vk = device_->vk;
+  vk.vkDestroyQueryPool(device_->handle(), times_, nullptr);
+  vk.vkDestroyFence(device_->handle(), fence_, nullptr);
+  vk.vkDestroyCommandPool(device_->handle(), pool_, nullptr);
+}
+
+Status FrameSlot::create(Device& device) {
+  device_ = &device;
+  const auto& vk = device.vk;
+  auto pool = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
+  pool.queueFamilyIndex = device.family();
+  STGS_TRY(vk_status(vk.vkCreateCommandPool(device.handle(), &pool, nullptr, &pool_),
+                     "creating a command pool"));
+  auto info =
+      structure<VkCommandBufferAllocateInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO);
+  info.commandPool = pool_;
+  info.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
+  info.commandBufferCount = static_cast<std::uint32_t>(commands_.size());
+  STGS_TRY(vk_status(vk.vkAllocateCommandBuffers(device.handle(), &info, commands_.data()),
+                     "creating command buffers"));
+  const auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
+  STGS_TRY(
+      vk_status(vk.vkCreateFence(device.handle(), &fence, nullptr, &fence_), "creating a fence"));
+  STGS_TRY(told_.create(device, kMaxViews * sizeof(Counts), Place::kHost));
+  if (device.timestamp_ns() == 0) return {};
+  auto times = structure<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
+  times.queryType = VK_QUERY_TYPE_TIMESTAMP;
+  times.queryCount = static_cast<std::uint32_t>(kMaxViews) * kTimes;
+  return vk_status(vk.vkCreateQueryPool(device.handle(), &times, nullptr, &times_),
+                   "making room for times");
+}
+
+Result<bool> FrameSlot::has_ended() {
+  if (!on_its_way_) return true;
+  const VkResult result = device_->vk.vkGetFenceStatus(device_->handle(), fence_);
+  if (result == VK_NOT_READY) return false;
+  STGS_TRY(vk_status(result, "looking whether a frame has ended"));
+  on_its_way_ = false;
+  return true;
+}
+
+Status FrameSlot::wait() {
+  if (!on_its_way_) return {};
+  STGS_TRY(device_->wait(fence_));
+  on_its_way_ = false;
+  return {};
+}
+
+Status FrameSlot::begin(std::size_t view_count, std::size_t blocks) {
+  STGS_TRY(
+      vk_status(device_->vk.vkResetCommandPool(device_->handle(), pool_, 0), "resetting commands"));
+  STGS_TRY(sets_.begin(*device_, view_count, blocks));
+  views = view_count;
+  for (const VkCommandBuffer commands : commands_) {
+    auto info = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
+    info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
+    STGS_TRY(vk_status(device_->vk.vkBeginCommandBuffer(commands, &info), "beginning commands"));
+  }
+  // Frames share what they are drawn with: this one waits for those before it.
+  barrier(*device_, draw());
+  return {};
+}
+
+Status FrameSlot::submit(std::span<const VulkanSemaphore> wait,
+                         std::span<const VulkanSemaphore> signal) {
+  for (const VkCommandBuffer commands : commands_) {
+    STGS_TRY(vk_status(device_->vk.vkEndCommandBuffer(commands), "ending commands"));
+  }
+  const Semaphores before(wait), after(signal);
+  const std::vector<VkPipelineStageFlags> stages(wait.size(), VK_PIPELINE_STAGE_ALL_COMMANDS_BIT);
+  auto values =
+      structure<VkTimelineSemaphoreSubmitInfo>(VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO);
+  values.waitSemaphoreValueCount = before.count();
+  values.pWaitSemaphoreValues = before.values.data();
+  values.signalSemaphoreValueCount = after.count();
+  values.pSignalSemaphoreValues = after.values.data();
+  // Two batches: drawing need not wait for the images.
+  std::array<VkSubmitInfo, 2> batches{};
+  for (std::size_t i = 0; i < batches.size(); ++i) {
+    batches[i].sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
+    batches[i].commandBufferCount = 1;
+    batches[i].pCommandBuffers = &commands_[i];
+  }
+  VkSubmitInfo& last = batches[1];
+  if (before.timeline || after.timeline) last.pNext = &values;
+  last.waitSemaphoreCount = before.count();
+  last.pWaitSemaphores = before.handles.data();
+  last.pWaitDstStageMask = stages.data();
+  last.signalSemaphoreCount = after.count();
+  last.pSignalSemaphores = after.handles.data();
+  STGS_TRY(device_->submit(batches, fence_));
+  on_its_way_ = true;
+  return {};
+}
+
+Counts FrameSlot::counts(std::size_t view) const {
+  Counts counts{};
+  std::memcpy(&counts, told_.mapped() + view * sizeof(Counts), sizeof(counts));
+  return counts;
+}
+
+Status FrameSlot::add_times(std::size_t view_count, RenderStats& to) const {
+  if (times_ == VK_NULL_HANDLE) return {};
+  std::array<std::uint64_t, kMaxViews * kTimes> at{};
+  const auto count = static_cast<std::uint32_t>(view_count) * kTimes;
+  STGS_TRY(
+      vk_status(device_->vk.vkGetQueryPoolResults(device_->handle(), times_, 0, count, sizeof(at),
+                                                  at.data(), sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
+                "reading the times of the stages"));
+  double* const sums[] = {&to.slice_ms, &to.bin_ms, &to.blend_ms};
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    if (i % kTimes + 1 == kTimes) continue;
+    const std::uint64_t steps = (at[i + 1] - at[i]) & device_->timestamp_mask();
+    const double ms = 1e-6 * device_->timestamp_ns() * static_cast<double>(steps);
+    *sums[i % kTimes] += ms;
+    to.device_ms += ms;
+  }
+  return {};
+}
+
+}  // namespace stgs::player::vulkan

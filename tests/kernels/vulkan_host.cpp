@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan_host.h"
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+
+namespace stgs::testing {
+namespace {
+
+constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
+
+void must(VkResult result, const char* what) {
+  if (result == VK_SUCCESS) return;
+  std::fprintf(stderr, "%s: VkResult %d\n", what, static_cast<int>(result));
+  std::exit(1);
+}
+
+VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                          VkDebugUtilsMessageTypeFlagsEXT,
+                                          const VkDebugUtilsMessengerCallbackDataEXT* data, void*) {
+  VulkanHost::messages().push_back(data->pMessage);
+  return VK_FALSE;
+}
+
+bool has_layer() {
+  std::uint32_t count = 0;
+  must(vkEnumerateInstanceLayerProperties(&count, nullptr), "counting layers");
+  std::vector<VkLayerProperties> layers(count);
+  must(vkEnumerateInstanceLayerProperties(&count, layers.data()), "listing layers");
+  for (const VkLayerProperties& layer : layers) {
+    if (std::strcmp(layer.layerName, kLayer) == 0) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::vector<std::string>& VulkanHost::messages() {
+  static std::vector<std::string> all;
+  return all;
+}
+
+std::unique_ptr<VulkanHost> VulkanHost::make(bool timeline_semaphores) {
+  std::unique_ptr<VulkanHost> host(new VulkanHost);
+  if (!host->make_instance() || !host->make_device(timeline_semaphores)) return nullptr;
+  return host;
+}
+
+VulkanHost::~VulkanHost() {
+  if (device_.device != VK_NULL_HANDLE) {
+    vkDeviceWaitIdle(device_.device);
+    for (const VkSemaphore one : semaphores_) vkDestroySemaphore(device_.device, one, nullptr);
+    for (const HostImage& one : images_) {
+      vkDestroyImage(device_.device, one.image, nullptr);
+      vkFreeMemory(device_.device, one.memory, nullptr);
+    }
+    vkDestroyDevice(device_.device, nullptr);
+  }
+  if (device_.instance == VK_NULL_HANDLE) return;
+  if (messenger_ != VK_NULL_HANDLE) {
+    vkDestroyDebugUtilsMessengerEXT(device_.instance, messenger_, nullptr);
+  }
+  vkDestroyInstance(device_.instance, nullptr);
+}
+
+bool VulkanHost::make_instance() {
+  if (volkInitialize() != VK_SUCCESS) return false;
+  VkApplicationInfo application{};
+  application.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO;
+  application.apiVersion = VK_API_VERSION_1_2;
+  VkDebugUtilsMessengerCreateInfoEXT debug{};
+  debug.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT;
+  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
+                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
+                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  debug.pfnUserCallback = on_message;
+  const VkValidationFeatureEnableEXT enable =
+      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+  VkValidationFeaturesEXT validation{};
+  validation.sType = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT;
+  validation.pNext = &debug;
+  validation.enabledValidationFeatureCount = 1;
+  validation.pEnabledValidationFeatures = &enable;
+  const char* const extension = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
+  VkInstanceCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO;
+  info.pApplicationInfo = &application;
+  const bool validated = has_layer();
+  if (validated) {
+    info.pNext = &validation;
+    info.enabledLayerCount = 1;
+    info.ppEnabledLayerNames = &kLayer;
+    info.enabledExtensionCount = 1;
+    info.ppEnabledExtensionNames = &extension;
+  }
+  if (vkCreateInstance(&info, nullptr, &device_.instance) != VK_SUCCESS) {
+    device_.instance = VK_NULL_HANDLE;
+    return false;
+  }
+  device_.api_version = application.apiVersion;
+  volkLoadInstance(device_.instance);
+  if (validated) {
+    must(vkCreateDebugUtilsMessengerEXT(device_.instance, &debug, nullptr, &messenger_),
+         "asking for messages");
+  }
+  return true;
+}
+
+bool VulkanHost::make_device(bool timeline_semaphores) {
+  std::uint32_t count = 1;
+  if (vkEnumeratePhysicalDevices(device_.instance, &count, &device_.physical_device) < 0 ||
+      count == 0) {
+    return false;
+  }
+  std::vector<VkQueueFamilyProperties> families(64);
+  count = static_cast<std::uint32_t>(families.size());
+  vkGetPhysicalDeviceQueueFamilyProperties(device_.physical_device, &count, families.data());
+  while (device_.queue_family < count &&
+         (families[device_.queue_family].queueFlags & VK_QUEUE_COMPUTE_BIT) == 0) {
+    ++device_.queue_family;
+  }
+  if (device_.queue_family == count) return false;
+  const float priority = 1;
+  VkDeviceQueueCreateInfo queue{};
+  queue.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO;
+  queue.queueFamilyIndex = device_.queue_family;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  timeline_.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
+  timeline_.timelineSemaphore = timeline_semaphores ? VK_TRUE : VK_FALSE;
+  features_.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
+  features_.pNext = &timeline_;
+  VkDeviceCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO;
+  info.pNext = &features_;
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  if (vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device) != VK_SUCCESS) {
+    device_.device = VK_NULL_HANDLE;
+    return false;
+  }
+  device_.features = &features_;
+  volkLoadDevice(device_.device);
+  vkGetDeviceQueue(device_.device, device_.queue_family, 0, &device_.queue);
+  return true;
+}
+
+VkDeviceMemory VulkanHost::allocate(const VkMemoryRequirements& needs,
+                                    VkMemoryPropertyFlags properties) {
+  VkPhysicalDeviceMemoryProperties all{};
+  vkGetPhysicalDeviceMemoryProperties(device_.physical_device, &all);
+  VkMemoryAllocateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO;
+  info.allocationSize = needs.size;
+  while ((needs.memoryTypeBits >> info.memoryTypeIndex & 1u) == 0 ||
+         (all.memoryTypes[info.memoryTypeIndex].propertyFlags & properties) != properties) {
+    ++info.memoryTypeIndex;
+  }
+  VkDeviceMemory memory = VK_NULL_HANDLE;
+  must(vkAllocateMemory(device_.device, &info, nullptr, &memory), "allocating memory");
+  return memory;
+}
+
+HostImage VulkanHost::make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
+                                 std::uint32_t levels, std::uint32_t layers) {
+  HostImage made{VK_NULL_HANDLE, VK_NULL_HANDLE, format, width, height};
+  VkImageCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO;
+  info.imageType = VK_IMAGE_TYPE_2D;
+  info.format = format;
+  info.extent = {width, height, 1};
+  info.mipLevels = levels;
+  info.arrayLayers = layers;
+  info.samples = VK_SAMPLE_COUNT_1_BIT;
+  info.usage = VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT;
+  must(vkCreateImage(device_.device, &info, nullptr, &made.image), "creating an image");
+  VkMemoryRequirements needs{};
+  vkGetImageMemoryRequirements(device_.device, made.image, &needs);
+  made.memory = allocate(needs, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+  must(vkBindImageMemory(device_.device, made.image, made.memory, 0), "binding memory");
+  images_.push_back(made);
+  return made;
+}
+
+std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout layout,
+                                           std::uint32_t pixel_bytes, std::uint32_t level,
+                                           std::uint32_t layer) {
+  const VkExtent3D extent{image.width >> level, image.height >> level, 1};
+  const VkDeviceSize bytes = VkDeviceSize{pixel_bytes} * extent.width * extent.height;
+  VkBufferCreateInfo buffer_info{};
+  buffer_info.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO;
+  buffer_info.size = bytes;
+  buffer_info.usage = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+  VkBuffer buffer = VK_NULL_HANDLE;
+  must(vkCreateBuffer(device_.device, &buffer_info, nullptr, &buffer), "creating a buffer");
+  VkMemoryRequirements needs{};
+  vkGetBufferMemoryRequirements(device_.device, buffer, &needs);
+  const VkDeviceMemory memory =
+      allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
+  must(vkBindBufferMemory(device_.device, buffer, memory, 0), "binding memory");
+  VkCommandPoolCreateInfo pool_info{};
+  pool_info.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
+  pool_info.queueFamilyIndex = device_.queue_family;
+  VkCommandPool pool = VK_NULL_HANDLE;
+  must(vkCreateCommandPool(device_.device, &pool_info, nullptr, &pool), "creating a pool");
+  VkCommandBufferAllocateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
+  info.commandPool = pool;
+  info.commandBufferCount = 1;
+  VkCommandBuffer commands = VK_NULL_HANDLE;
+  must(vkAllocateCommandBuffers(device_.device, &info, &commands), "creating commands");
+  VkCommandBufferBeginInfo begin{};
+  begin.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
+  must(vkBeginCommandBuffer(commands, &begin), "beginning commands");
+  // In the layout as it is said to be: the validation layer knows whether it is.
+  VkImageMemoryBarrier change{};
+  change.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER;
+  change.srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT;
+  change.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT;
+  change.oldLayout = layout;
+  change.newLayout = layout;
+  change.image = image.image;
+  change.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, level, 1, layer, 1};
+  vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
+                       0, 0, nullptr, 0, nullptr, 1, &change);
+  VkBufferImageCopy region{};
+  region.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, level, layer, 1};
+  region.imageExtent = extent;
+  vkCmdCopyImageToBuffer(commands, image.image, layout, buffer, 1, &region);
+  must(vkEndCommandBuffer(commands), "ending commands");
+  VkSubmitInfo submit{};
+  submit.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &commands;
+  must(vkQueueSubmit(device_.queue, 1, &submit, VK_NULL_HANDLE), "starting commands");
+  must(vkQueueWaitIdle(device_.queue), "waiting");
+  void* mapped = nullptr;
+  must(vkMapMemory(device_.device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping memory");
+  const auto* from = static_cast<const std::uint8_t*>(mapped);
+  std::vector<std::uint8_t> out(from, from + bytes);
+  vkDestroyCommandPool(device_.device, pool, nullptr);
+  vkDestroyBuffer(device_.device, buffer, nullptr);
+  vkFreeMemory(device_.device, memory, nullptr);
+  return out;
+}
+
+VkSemaphore VulkanHost::make_timeline(std::uint64_t value) {
+  VkSemaphoreTypeCreateInfo type{};
+  type.sType = VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO;
+  type.semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE;
+  type.initialValue = value;
+  VkSemaphoreCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO;
+  info.pNext = &type;
+  VkSemaphore semaphore = VK_NULL_HANDLE;
+  must(vkCreateSemaphore(device_.device, &info, nullptr, &semaphore), "creating a semaphore");
+  semaphores_.push_back(semaphore);
+  return semaphore;
+}
+
+void VulkanHost::signal(VkSemaphore semaphore, std::uint64_t value) {
+  VkSemaphoreSignalInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_SIGNAL_INFO;
+  info.semaphore = semaphore;
+  info.value = value;
+  must(vkSignalSemaphore(device_.device, &info), "signalling");
+}
+
+std::uint64_t VulkanHost::value_of(VkSemaphore semaphore) {
+  std::uint64_t value = 0;
+  must(vkGetSemaphoreCounterValue(device_.device, semaphore, &value), "reading a semaphore");
+  return value;
+}
+
+}  // namespace stgs::testing

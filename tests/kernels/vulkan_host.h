@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// A program that has a Vulkan device of its own, with images and semaphores, as whoever lends it to
+// the renderer. Before <catch2/catch.hpp> and others of Vulkan's headers.
+#pragma once
+
+#include <volk.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "stgs/player/vulkan_renderer.h"
+
+namespace stgs::testing {
+
+// An image of one level and layer count, device local. The host outlives it.
+struct HostImage {
+  VkImage image = VK_NULL_HANDLE;
+  VkDeviceMemory memory = VK_NULL_HANDLE;
+  VkFormat format = VK_FORMAT_UNDEFINED;
+  std::uint32_t width = 0, height = 0;
+};
+
+// Ends the program with a message where Vulkan fails.
+class VulkanHost {
+ public:
+  // Null where there is no loader or no device. `features`: made with timeline semaphores.
+  static std::unique_ptr<VulkanHost> make(bool timeline_semaphores);
+  ~VulkanHost();
+  VulkanHost(const VulkanHost&) = delete;
+  VulkanHost& operator=(const VulkanHost&) = delete;
+
+  const player::VulkanDevice& device() const { return device_; }
+  // What the validation layer has said of all hosts.
+  static std::vector<std::string>& messages();
+
+  HostImage make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
+                       std::uint32_t levels = 1, std::uint32_t layers = 1);
+  // The bytes of a level of a layer, row by row, of an image in `layout`; waits for the queue.
+  std::vector<std::uint8_t> read(const HostImage& image, VkImageLayout layout,
+                                 std::uint32_t pixel_bytes, std::uint32_t level = 0,
+                                 std::uint32_t layer = 0);
+  VkSemaphore make_timeline(std::uint64_t value);
+  void signal(VkSemaphore semaphore, std::uint64_t value);
+  std::uint64_t value_of(VkSemaphore semaphore);
+
+ private:
+  VulkanHost() = default;
+  bool make_instance();
+  bool make_device(bool timeline_semaphores);
+  VkDeviceMemory allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties);
+
+  player::VulkanDevice device_;
+  VkPhysicalDeviceTimelineSemaphoreFeatures timeline_{};
+  VkPhysicalDeviceFeatures2 features_{};
+  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
+  std::vector<HostImage> images_;
+  std::vector<VkSemaphore> semaphores_;
+};
+
+}  // namespace stgs::testing
