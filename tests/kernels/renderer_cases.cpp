@@ -232,6 +232,67 @@ TEST_CASE("several views of a moment have the bits of the views one by one") {
   }
 }
 
+TEST_CASE("two eyes with frusta askew are drawn as the CPU draws them, and as each alone") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(9000, 3, kFrames, 14));
+  // As a headset's: off the centre both ways, what is between the eyes nearer to the picture's
+  // edge.
+  std::vector<View> eyes = {view_of(172, 184), view_of(172, 184)};
+  for (int k = 0; k < 2; ++k) {
+    math::PinholeCamera& camera = eyes[k].camera;
+    camera.translation.x += k == 0 ? 0.03f : -0.03f;
+    camera.cx += k == 0 ? 19.25f : -19.25f;
+    camera.cy -= 11.5f;
+    camera.fx *= k == 0 ? 1.0f : 1.02f;
+  }
+  for (const double seconds : {0.0, 0.81, 1.9}) {
+    check_alike(*timeline, seconds, eyes, *device);
+    const std::vector<Frame> both = draw(*device, *timeline, seconds, eyes);
+    for (std::size_t k = 0; k < 2; ++k) {
+      CHECK(same(draw(*device, *timeline, seconds, {eyes[k]})[0], both[k]));
+    }
+  }
+}
+
+TEST_CASE("the number of views may change from call to call, and a view may see nothing") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(3000, 1, kFrames, 15));
+  View away = view_of(70, 50);
+  away.camera.translation.z = -1e4f;
+  const View views[] = {view_of(33, 90), away, view_of(120, 16), view_of(48, 48)};
+  std::vector<Frame> alone;
+  for (const View& view : views) alone.push_back(draw(*device, *timeline, 0.6, {view})[0]);
+  CHECK(*std::max_element(alone[1].alpha.data.begin(), alone[1].alpha.data.end()) == 0.0f);
+  for (const std::size_t count : {4, 1, 3, 2, 4}) {
+    const std::vector<Frame> frames =
+        draw(*device, *timeline, 0.6, std::vector<View>(views, views + count));
+    for (std::size_t i = 0; i < count; ++i) CHECK(same(frames[i], alone[i]));
+  }
+}
+
+TEST_CASE("what is alive is found among many that are not, in segments of any size") {
+  const auto device = device_renderer();
+  for (const std::size_t n : {1, 255, 256, 257, 2047, 2048, 2049, 30000}) {
+    Scene scene = random_scene(n, 1, kFrames, 70 + n);
+    Gaussians4D& set = scene.gaussians;
+    for (std::size_t i = 0; i < n; ++i) {
+      set.sigma[i] = i % 5 == 0 ? 200.0f : 0.4f;
+      set.radius[i] = 0.0f;
+      set.opacity_logit[i] = 2.0f;
+      // Some are at one place, where the order of ids decides.
+      for (std::size_t c = 0; c < 3 && i % 25 == 0; ++c) {
+        set.position[3 * i + c] = set.position[c];
+        set.velocity[3 * i + c] = 0.0f;
+      }
+    }
+    for (const double chunk_seconds : {0.1, 10.0}) {
+      INFO(n << " primitives in chunks of " << chunk_seconds << " s");
+      const auto timeline = timeline_over(scene, chunk_seconds);
+      check_alike(*timeline, 0.52, {view_of(90, 70)}, *device);
+    }
+  }
+}
+
 TEST_CASE("pictures do not depend on runs, variants, or what was drawn before") {
   const auto one = device_renderer();
   const auto variant = device_renderer({.variant = true});
@@ -252,8 +313,10 @@ TEST_CASE("a frame with more instances than there is room for is drawn again") {
   const auto tight = device_renderer({.instances = 100});
   const auto timeline = timeline_over(plain_scene(2000));
   for (const int width : {100, 333, 50}) {
-    const View view = view_of(width, 150);
-    CHECK(same(draw(*roomy, *timeline, 1.0, {view})[0], draw(*tight, *timeline, 1.0, {view})[0]));
+    const std::vector<View> views(width == 333 ? 3 : 1, view_of(width, 150));
+    const std::vector<Frame> a = draw(*roomy, *timeline, 1.0, views);
+    const std::vector<Frame> b = draw(*tight, *timeline, 1.0, views);
+    for (std::size_t i = 0; i < views.size(); ++i) CHECK(same(a[i], b[i]));
   }
 }
 

@@ -11,7 +11,7 @@ namespace stgs::testing {
 
 struct UnderTest {
   bool variant = false;         // the backend's other way to the same bits
-  std::uint64_t instances = 0;  // room for splats in tiles to begin with; 0: the backend's choice
+  std::uint64_t instances = 0;  // room for splats, and in tiles, at first; 0: the backend's choice
 };
 
 Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTest& settings);

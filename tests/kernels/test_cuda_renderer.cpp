@@ -6,7 +6,8 @@
 namespace stgs::testing {
 
 Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTest& settings) {
-  return player::make_cuda_renderer({!settings.variant, settings.instances});
+  return player::make_cuda_renderer(
+      {.graph = !settings.variant, .splats = settings.instances, .instances = settings.instances});
 }
 
 }  // namespace stgs::testing

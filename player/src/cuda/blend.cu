@@ -58,10 +58,9 @@ __device__ void blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
   }
 }
 
-__device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& view,
-                            const Picture& picture) {
+__device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& view) {
   const std::size_t plane = static_cast<std::size_t>(view.width) * view.height;
-  float* const to = picture.planes + static_cast<std::size_t>(y) * view.width + x;
+  float* const to = view.planes + static_cast<std::size_t>(y) * view.width + x;
   const float t = pixel.transmittance, alpha = 1.0f - t;
   to[0] = fmaf(t, view.background.x, pixel.red);
   to[plane] = fmaf(t, view.background.y, pixel.green);
@@ -70,13 +69,20 @@ __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& v
   to[4 * plane] = alpha > 0.0f ? pixel.depth / alpha : 0.0f;
 }
 
+__device__ const ViewInput& view_of(const FrameInput& frame, std::uint32_t tile) {
+  std::uint32_t v = 0;
+  while (v + 1 < frame.view_count && tile >= frame.views[v + 1].first_tile) ++v;
+  return frame.views[v];
+}
+
 __global__ void __launch_bounds__(kWarps * 32)
-    blend(const ViewInput* input, const uint2* ranges, const std::uint32_t* list,
-          const ScreenSplat* splats, const Picture picture) {
+    blend(const FrameInput* input, const uint2* ranges, const std::uint32_t* list,
+          const ScreenSplat* splats) {
   __shared__ Quad stages[kWarps][32];
   const int warp = static_cast<int>(threadIdx.x / 32), lane = static_cast<int>(threadIdx.x & 31);
-  const int width = input->width, height = input->height, tiles_x = input->tiles_x;
-  const int tile = static_cast<int>(blockIdx.x);
+  const ViewInput& view = view_of(*input, blockIdx.x);
+  const int width = view.width, height = view.height, tiles_x = view.tiles_x;
+  const int tile = static_cast<int>(blockIdx.x - view.first_tile);
   const int x0 = tile % tiles_x * kTilePixels + warp % 2 * kSide;
   const int y0 = tile / tiles_x * kTilePixels + warp / 2 * kSide;
   if (x0 >= width || y0 >= height) return;  // the whole warp; no barrier of the block follows
@@ -99,7 +105,7 @@ __global__ void __launch_bounds__(kWarps * 32)
                  0.0f};
   }
 
-  const uint2 range = ranges[tile];
+  const uint2 range = ranges[blockIdx.x];
   // A splat is asked for one batch ahead, its number two.
   Quad next{};
   std::uint32_t number = 0;
@@ -122,18 +128,17 @@ __global__ void __launch_bounds__(kWarps * 32)
   }
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
-    if (x < width && y + k * kStep < height)
-      write_pixel(pixels[k], x, y + k * kStep, *input, picture);
+    if (x < width && y + k * kStep < height) write_pixel(pixels[k], x, y + k * kStep, view);
   }
 }
 
 }  // namespace
 
-void launch_blend(const ViewInput* input, unsigned tiles, const Workspace& w,
-                  const Picture& picture, cudaStream_t stream) {
+void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w,
+                  cudaStream_t stream) {
   launch(blend, tiles, kWarps * 32, stream, input, static_cast<const uint2*>(w.tile_ranges),
          static_cast<const std::uint32_t*>(w.tile_splats[w.tile_passes % 2]),
-         static_cast<const ScreenSplat*>(w.splats), picture);
+         static_cast<const ScreenSplat*>(w.splats));
 }
 
 }  // namespace stgs::player::cuda

@@ -7,8 +7,8 @@
 #include <exception>
 #include <vector>
 
+#include "cuda/frame_graph.h"
 #include "cuda/segment_cache.h"
-#include "cuda/view_slot.h"
 #include "stgs/format/math/sh.h"
 #include "views.h"
 
@@ -18,7 +18,8 @@ namespace {
 using namespace cuda;
 using Clock = std::chrono::steady_clock;
 
-// Of splats in tiles, for each splat that there can be; a first guess.
+// A first guess: splats at most, tiles of each, and tiles at least.
+constexpr std::uint64_t kFirstSplats = std::uint64_t{1} << 21;
 constexpr std::uint64_t kInstancesEach = 4;
 constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 20;
 
@@ -50,7 +51,7 @@ class CudaRenderer final : public Renderer {
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
     STGS_TRY(check_views(views));
-    drawn_views_ = 0;
+    drawn_ = false;
     try {
       RenderStats sums;
       const auto begin = Clock::now();
@@ -59,23 +60,21 @@ class CudaRenderer final : public Renderer {
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
       STGS_TRY(draw_views(timeline, seconds, views));
-      for (std::size_t i = 0; i < views.size(); ++i) {
-        sums.alive = slots_[i].counted().alive;
-        sums.drawn += slots_[i].counted().visible;
-        STGS_TRY(slots_[i].add_times(sums));
-      }
+      sums.alive = frame_.counted().alive;
+      sums.drawn = frame_.counted().visible;
+      STGS_TRY(frame_.add_times(sums));
       if (stats != nullptr) *stats = sums;
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }
-    drawn_views_ = views.size();
+    drawn_ = true;
     return {};
   }
 
   Status read(std::vector<Frame>& frames) override {
     try {
-      frames.resize(drawn_views_);
-      for (std::size_t i = 0; i < drawn_views_; ++i) STGS_TRY(slots_[i].read(frames[i]));
+      if (drawn_) return frame_.read(frames);
+      frames.clear();
     } catch (const std::exception& e) {
       return runtime_error("no memory for a picture: {}", e.what());
     }
@@ -90,7 +89,7 @@ class CudaRenderer final : public Renderer {
       Part part{};
       part.primitives = timeline.reader().segments()[one.segment].primitives;
       if (part.primitives == 0) continue;
-      part.at = segments_.at(one.segment);
+      part.memory = segments_.at(one.segment);
       part.ticks = one.ticks;
       part.first_chunk = chunks;
       chunks += padded(part.primitives) / kChunk;
@@ -102,45 +101,49 @@ class CudaRenderer final : public Renderer {
   FrameNeed need_of(const std::vector<View>& views) const {
     FrameNeed need;
     need.chunks = chunks_;
-    for (const View& view : views) {
-      const auto along = [](float side) {
-        return (static_cast<std::uint32_t>(side + 0.5f) + kTilePixels - 1) / kTilePixels;
-      };
-      need.tiles = std::max(need.tiles, along(view.camera.width) * along(view.camera.height));
-    }
-    if (buffers_.instance_capacity() == 0) {
-      need.instances = settings_.instances > 0
-                           ? settings_.instances
-                           : std::max(kLeastInstances, kInstancesEach * kChunk * chunks_);
-    }
+    need.tiles = tiles_of(views);
+    if (buffers_.generation() > 0) return need;
+    const auto guess = [](std::uint64_t wanted, std::uint64_t guessed) {
+      return wanted > 0 ? wanted : guessed;
+    };
+    need.splats = guess(settings_.splats, std::min(kFirstSplats, splats_at_most(views.size())));
+    need.instances =
+        guess(settings_.instances, std::max(kLeastInstances, kInstancesEach * need.splats));
     return need;
   }
 
-  // Draws, and again with more room where a view's instances did not fit.
+  std::uint64_t splats_at_most(std::size_t views) const {
+    return std::uint64_t{chunks_} * kChunk * views;
+  }
+
+  // Draws, and again with more room where splats or instances did not fit.
   Status draw_views(const Timeline& timeline, double seconds, const std::vector<View>& views) {
     const int degree = timeline.reader().sh_degree();
+    if (splats_at_most(views.size()) > kMaxSplats) {
+      return runtime_error(
+          "{}: cannot draw {} s: more primitives may be alive than fit a frame (2^{} of all views)",
+          timeline.name(), seconds, kViewShift);
+    }
     FrameNeed need = need_of(views);
     for (;;) {
       STGS_TRY(buffers_.ensure(need));
-      Status started;
-      for (std::size_t i = 0; i < views.size() && started.ok(); ++i) {
-        started = slots_[i].start(views[i], parts_, degree, grids_[degree], buffers_,
-                                  settings_.graph, stream_.get());
-      }
+      const Status started = frame_.start(views, parts_, degree, grids_[degree], buffers_,
+                                          settings_.graph, stream_.get());
       // Also after an error: what has begun uses the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());
       STGS_TRY(started);
       STGS_TRY(cuda_status(ended, "drawing"));
-      need.instances = 0;
-      for (std::size_t i = 0; i < views.size(); ++i) {
-        need.instances = std::max<std::uint64_t>(need.instances, slots_[i].counted().instances);
-      }
-      if (need.instances > kMaxInstances) {
+      need.splats = frame_.counted().visible;
+      need.instances = frame_.counted().instances;
+      if (need.instances > kMaxInstances * views.size()) {
         return runtime_error(
-            "{}: cannot draw {} s: the view's splats touch more tiles than a frame can list (2^26)",
+            "{}: cannot draw {} s: the splats touch more tiles than a frame can list (2^26 a view)",
             timeline.name(), seconds);
       }
-      if (need.instances <= buffers_.instance_capacity()) return {};
+      if (need.splats <= buffers_.splat_capacity() &&
+          need.instances <= buffers_.instance_capacity()) {
+        return {};
+      }
     }
   }
 
@@ -149,10 +152,10 @@ class CudaRenderer final : public Renderer {
   std::array<Grids, math::kShMaxDegree + 1> grids_;
   SegmentCache segments_;
   FrameBuffers buffers_;
-  std::array<ViewSlot, kMaxViews> slots_;
+  FrameGraph frame_;
   std::vector<Part> parts_;  // of the moment
   std::uint32_t chunks_ = 0;
-  std::size_t drawn_views_ = 0;
+  bool drawn_ = false;
 };
 
 }  // namespace

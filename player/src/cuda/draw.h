@@ -15,33 +15,50 @@
 
 namespace stgs::player::cuda {
 
-inline constexpr int kTilePixels = 16;            // width and height, as kTileSize of raster.h
-inline constexpr std::uint32_t kSortTile = 3072;  // keys that a thread block sorts at a time
-inline constexpr int kDigits = 256;               // of a pass of the sort
+inline constexpr int kTilePixels = 16;             // width and height, as kTileSize of raster.h
+inline constexpr std::uint32_t kSortTile = 3072;   // keys that a thread block sorts at a time
+inline constexpr int kDigits = 256;                // of a pass of the sort
+inline constexpr std::uint32_t kSelectChunks = 8;  // of primitives, that a thread block looks at
 inline constexpr int kDepthPasses = 4, kMostPasses = 4;
+inline constexpr int kMostViews = 4;  // as kMaxViews of renderer.h
 // Tile instances of a view at most; as the CPU rasteriser's limit.
 inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
+// A splat's number has the bits below this one where its view has those from it on.
+inline constexpr int kViewShift = 30;
+inline constexpr std::uint64_t kMaxSplats = std::uint64_t{1} << kViewShift;
 
 // Successive primitives that are drawn at the same moment of their time.
 struct Part {
-  PackedSegment at;
+  std::uint8_t* memory;  // of a PackedSegment
   double ticks;
   std::uint32_t primitives;
-  std::uint32_t first_chunk;  // of the view's chunks; parts follow each other
+  std::uint32_t first_chunk;  // of the frame's chunks; parts follow each other
 };
 
-// What changes from frame to frame; the parts follow it.
-struct alignas(16) ViewInput {
+// A viewpoint and where its picture goes.
+struct ViewInput {
   math::PinholeCamera camera;
   math::Vec3 centre;  // of the camera, in the world
   math::Vec3 background;
   int width, height;  // pixels
   int tiles_x, tiles_y;
-  std::uint32_t parts, chunks;
+  std::uint32_t first_tile;  // of the frame's tiles; views follow each other
+  float* planes;             // 3 colours, alpha, depth
 };
 
-// A visible primitive on the screen. At pixel offset (dx, dy), log2 of its alpha is
-// min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).
+// What changes from frame to frame; the parts follow it. A frame is one moment from all its views.
+struct alignas(16) FrameInput {
+  ViewInput views[kMostViews];
+  std::uint32_t view_count, parts, chunks;
+};
+
+// A primitive that may be seen at the moment.
+struct Candidate {
+  std::uint32_t part, primitive;
+};
+
+// A primitive that is visible in a view, on its screen. At pixel offset (dx, dy), log2 of its alpha
+// is min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).
 struct alignas(16) ScreenSplat {
   float x, y;                // pixels
   float half_xx, cross;      // -log2(e) conic.xx / 2, -log2(e) conic.xy
@@ -51,45 +68,44 @@ struct alignas(16) ScreenSplat {
   float depth;  // camera z
 };
 
-// Counts of a frame. What a view leaves for the host begins with `alive`.
+// Counts of a frame, over all its views.
 struct Counters {
-  std::uint32_t project_ticket, list_ticket;
+  std::uint32_t select_ticket, project_ticket, list_ticket;
   std::uint32_t sort_tickets[2 * kMostPasses];
-  std::uint32_t alive;           // seen at the moment, on the screen or not
-  std::uint32_t visible;         // splats
+  std::uint32_t alive;           // candidates
+  std::uint32_t visible;         // splats in all, also where they did not fit
+  std::uint32_t splats;          // that are sorted and listed: all of them, or none
   std::uint32_t listed;          // instances that are sorted and drawn: all of them, or none
-  std::uint32_t unused;          // the next is 8 bytes
-  unsigned long long instances;  // in all, also where they did not fit
+  unsigned long long instances;  // of the splats in all, also where they did not fit
 };
 
-// The buffers of a view with up to S splats and I instances.
+// The buffers of a frame with up to C chunks of primitives, S splats and I instances.
 struct Workspace {
-  // Cleared before each view.
+  // Cleared before each frame.
   Counters* counters = nullptr;
   std::uint32_t* depth_digits = nullptr;       // kDepthPasses x kDigits: how many have the digit
   std::uint32_t* tile_digits = nullptr;        // kMostPasses x kDigits
-  unsigned long long* project_told = nullptr;  // a chunk of primitives
+  unsigned long long* select_told = nullptr;   // kSelectChunks chunks of primitives
+  unsigned long long* project_told = nullptr;  // a chunk of candidates
   unsigned long long* list_told = nullptr;     // a chunk of splats
   std::uint32_t* sort_told[2 * kMostPasses] = {};  // kDigits a sort tile
   uint2* tile_ranges = nullptr;                    // a tile: first and last + 1 of its instances
 
-  ScreenSplat* splats = nullptr;        // S, in the order of ids
+  Candidate* candidates = nullptr;      // C x kChunk, in the order of ids
+  ScreenSplat* splats = nullptr;        // S, in the order of ids, then of views
   std::uint32_t* depth_keys[2] = {};    // S
   std::uint32_t* depth_order[2] = {};   // S; after the sort in [0]: splats, nearest first
   std::uint32_t* tile_keys[2] = {};     // I
   std::uint32_t* tile_splats[2] = {};   // I
+  std::uint32_t splat_capacity = 0;     // S
   std::uint32_t instance_capacity = 0;  // I
   int tile_passes = 0;                  // that the sort by tile needs
 };
 
-// Planar pictures of a view: 3 colours, alpha, depth.
-struct Picture {
-  float* planes = nullptr;
-};
-
 // Thread blocks that the current GPU runs at once.
 struct Grids {
-  unsigned project = 0, depth_sort = 0, list = 0, tile_sort = 0, ranges = 0;
+  unsigned select = 0, project_one = 0, project_several = 0;
+  unsigned depth_sort = 0, list = 0, tile_sort = 0, ranges = 0;
 };
 // An error where this build has no code for the current GPU.
 cudaError_t find_grids(int sh_degree, Grids& grids);
@@ -97,22 +113,26 @@ cudaError_t find_grids(int sh_degree, Grids& grids);
 // Passes of the sort by tile for so many tiles.
 int tile_passes(std::uint32_t tiles);
 
-// Motion, visibility, culling, projection, colour of the view's parts: splats in the order of the
-// parts, depth_keys[0], depth_digits, counters->alive and ->visible. spec/representation.md, 2
-// to 4.
-void launch_project(int sh_degree, const ViewInput* input, const Workspace& w, const Grids& grids,
-                    cudaStream_t stream);
-// depth_order[0]: splats by depth, equal ones in their own order.
+// Which primitives of the parts may be seen at the moment, by their supports alone: candidates,
+// counters->alive.
+void launch_select(const FrameInput* input, const Workspace& w, const Grids& grids,
+                   cudaStream_t stream);
+// Motion, visibility, culling, projection, colour of the candidates, for all views at once: splats,
+// depth_keys[0], depth_order[0], depth_digits, counters->visible and ->splats. `several`: there may
+// be more than one view. spec/representation.md, 2 to 4.
+void launch_project(int sh_degree, bool several, const FrameInput* input, const Workspace& w,
+                    const Grids& grids, cudaStream_t stream);
+// depth_order[0]: splats, with their views above kViewShift, by depth; equal ones in their own
+// order.
 void launch_depth_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// For each splat by depth the tiles that its ellipse meets: tile_keys[0], tile_splats[0] and
-// tile_digits; counters->instances and ->listed.
-void launch_list(const ViewInput* input, const Workspace& w, const Grids& grids,
+// For each splat by depth the tiles of its view that its ellipse meets: tile_keys[0],
+// tile_splats[0] and tile_digits; counters->instances and ->listed.
+void launch_list(const FrameInput* input, const Workspace& w, const Grids& grids,
                  cudaStream_t stream);
 // The instances by tile, each tile's in the order of depth, in tile_splats[tile_passes % 2];
 // tile_ranges.
 void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// The picture, tile after tile. spec/representation.md, 5.
-void launch_blend(const ViewInput* input, unsigned tiles, const Workspace& w,
-                  const Picture& picture, cudaStream_t stream);
+// The pictures of all views, tile after tile. spec/representation.md, 5.
+void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

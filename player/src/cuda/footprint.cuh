@@ -30,14 +30,16 @@ __device__ inline Quad load_quad(const ScreenSplat* splats, std::uint32_t i) {
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
   int row, rows;  // of tiles
+  int view;
 };
 
 __device__ inline float kept(float x, float low, float high) {
   return fminf(fmaxf(x, low), high);
 }
 
-__device__ inline Footprint footprint_of(const ScreenSplat& s, const ViewInput& view) {
+__device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const ViewInput& view) {
   Footprint f;
+  f.view = number;
   f.x = s.x;
   f.y = s.y;
   f.per_height = 1.0f / fmaxf(s.extent_y, 1e-4f);

@@ -33,10 +33,11 @@ std::size_t lay_out_cleared(Layout layout, const FrameNeed& need, Workspace& w) 
   layout.take(w.counters, 1);
   layout.take(w.depth_digits, std::size_t{kDepthPasses} * kDigits);
   layout.take(w.tile_digits, std::size_t{kMostPasses} * kDigits);
+  layout.take(w.select_told, (need.chunks + kSelectChunks - 1) / kSelectChunks);
   layout.take(w.project_told, need.chunks);
-  layout.take(w.list_told, need.chunks);
+  layout.take(w.list_told, (need.splats + kChunk - 1) / kChunk);
   for (int p = 0; p < kDepthPasses; ++p) {
-    layout.take(w.sort_told[p], kDigits * sort_tiles(std::uint64_t{need.chunks} * kChunk));
+    layout.take(w.sort_told[p], kDigits * sort_tiles(need.splats));
   }
   for (int p = 0; p < tile_passes(need.tiles); ++p) {
     layout.take(w.sort_told[kMostPasses + p], kDigits * sort_tiles(need.instances));
@@ -66,14 +67,17 @@ Status FrameBuffers::ensure(const FrameNeed& need) {
   };
   bool grown = grow(wanted.chunks, need.chunks);
   grown |= grow(wanted.tiles, need.tiles);
+  grown |= grow(wanted.splats, need.splats);
   grown |= grow(wanted.instances, need.instances);
   if (!grown && generation_ > 0) return {};
-  wanted.instances = std::min(wanted.instances, kMaxInstances);
+  wanted.splats = std::min(wanted.splats, kMaxSplats);
+  wanted.instances = std::min(wanted.instances, kMostViews * kMaxInstances);
   capacity_ = {};
   ++generation_;
   Workspace w;
-  const std::size_t splats = std::size_t{wanted.chunks} * kChunk;
+  const std::size_t splats = wanted.splats;
   STGS_TRY(cleared_.ensure(lay_out_cleared(Layout(nullptr), wanted, w)));
+  STGS_TRY(candidates_.ensure(std::size_t{wanted.chunks} * kChunk * sizeof(Candidate)));
   STGS_TRY(splats_.ensure(splats * sizeof(ScreenSplat)));
   STGS_TRY(depths_.ensure(lay_out_pairs(Layout(nullptr), splats, w.depth_keys, w.depth_order)));
   STGS_TRY(instances_.ensure(
@@ -81,7 +85,9 @@ Status FrameBuffers::ensure(const FrameNeed& need) {
   cleared_bytes_ = lay_out_cleared(Layout(cleared_.data()), wanted, w);
   lay_out_pairs(Layout(depths_.data()), splats, w.depth_keys, w.depth_order);
   lay_out_pairs(Layout(instances_.data()), wanted.instances, w.tile_keys, w.tile_splats);
+  w.candidates = reinterpret_cast<Candidate*>(candidates_.data());
   w.splats = reinterpret_cast<ScreenSplat*>(splats_.data());
+  w.splat_capacity = static_cast<std::uint32_t>(wanted.splats);
   w.instance_capacity = static_cast<std::uint32_t>(wanted.instances);
   laid_out_ = w;
   capacity_ = wanted;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The working memory of a view, one after the other.
+// The working memory of a frame.
 #pragma once
 
 #include <cstdint>
@@ -9,10 +9,11 @@
 
 namespace stgs::player::cuda {
 
-// What a view can need at most.
+// What a frame may need; 0: no more than there is.
 struct FrameNeed {
-  std::uint32_t chunks = 0;  // of primitives; each may have kChunk splats
+  std::uint32_t chunks = 0;  // of primitives, each of which may be a candidate
   std::uint32_t tiles = 0;
+  std::uint64_t splats = 0;
   std::uint64_t instances = 0;
 };
 
@@ -23,10 +24,11 @@ class FrameBuffers {
   Status ensure(const FrameNeed& need);
   // Counts up when addresses have changed.
   std::uint64_t generation() const { return generation_; }
+  std::uint64_t splat_capacity() const { return capacity_.splats; }
   std::uint64_t instance_capacity() const { return capacity_.instances; }
-  // The buffers as a view of so many tiles uses them.
+  // The buffers as a frame of so many tiles uses them.
   Workspace workspace(std::uint32_t tiles) const;
-  // Starts clearing what must be clear before a view.
+  // Starts clearing what must be clear before a frame.
   cudaError_t clear(cudaStream_t stream) const;
 
  private:
@@ -34,7 +36,7 @@ class FrameBuffers {
   std::uint64_t generation_ = 0;
   std::size_t cleared_bytes_ = 0;
   Workspace laid_out_;
-  DeviceBuffer cleared_, splats_, depths_, instances_;
+  DeviceBuffer cleared_, candidates_, splats_, depths_, instances_;
 };
 
 }  // namespace stgs::player::cuda

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t: one primitive a thread, cheapest tests first, as raster_slice.cpp's make_splat. A
-// block takes a chunk of a part; its splats follow those of the chunks before, so that their order
-// is that of the ids, whichever block is first.
+// Slice at t: one candidate a thread, cheapest tests first, as raster_slice.cpp's make_splat. What
+// does not depend on the view is done once. A block takes a chunk of candidates; its splats follow
+// those of the chunks before, so that their order is that of the ids, whichever block is first.
 #include <cuda_fp16.h>
 
-#include "cuda/draw.h"
+#include "cuda/frame_input.cuh"
 #include "cuda/grid.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
@@ -50,22 +50,36 @@ __device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camer
   return isfinite(square) && isfinite(sums[0]) && isfinite(sums[1]) && isfinite(sums[2]);
 }
 
-// The splat of primitive i of a part at which it is alive; false where it is not visible.
-template <int kDegree>
-__device__ bool make_splat(const Part& part, std::uint32_t i, const ViewInput& view,
-                           ScreenSplat& out) {
-  const float4 place = __ldg(part.at.place + i);
-  const float4 motion = __ldg(part.at.motion + i);
-  const float2 lifespan = __ldg(part.at.lifespan + i);
-  const float dt = static_cast<float>(part.ticks - static_cast<double>(place.w));
-  const Vec3 position =
-      position_at({place.x, place.y, place.z}, {motion.x, motion.y, motion.z}, dt);
-  if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
-  const float opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
-  if (!(opacity >= kAlphaThreshold)) return false;
+// A candidate at the moment.
+struct Alive {
+  PackedSegment at;
+  std::uint32_t i, stride;  // of the harmonics' planes
+  Vec3 position;
+  float opacity;
+};
 
-  const float4 c = __ldg(part.at.covariance + i);
-  const float2 rest = __ldg(part.at.covariance_rest + i);
+// False where it is not drawn from anywhere.
+__device__ bool find_alive(const Part& part, std::uint32_t i, Alive& out) {
+  out.at = packed_at(part.memory, part.primitives);
+  out.i = i;
+  out.stride = padded(part.primitives);
+  const float4 place = __ldg(out.at.place + i);
+  const float4 motion = __ldg(out.at.motion + i);
+  const float2 lifespan = __ldg(out.at.lifespan + i);
+  const float dt = static_cast<float>(part.ticks - static_cast<double>(place.w));
+  out.position = position_at({place.x, place.y, place.z}, {motion.x, motion.y, motion.z}, dt);
+  out.opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
+  return out.opacity >= kAlphaThreshold;
+}
+
+// Its splat in a view; false where it is not visible.
+template <int kDegree>
+__device__ bool make_splat(const Alive& alive, const ViewInput& view, ScreenSplat& out) {
+  const Vec3 position = alive.position;
+  const float opacity = alive.opacity;
+  if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
+  const float4 c = __ldg(alive.at.covariance + alive.i);
+  const float2 rest = __ldg(alive.at.covariance_rest + alive.i);
   const Projection p =
       project_gaussian(view.camera, position, {c.x, c.y, c.z, c.w, rest.x, rest.y});
   if (!p.visible) return false;
@@ -87,7 +101,7 @@ __device__ bool make_splat(const Part& part, std::uint32_t i, const ViewInput& v
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
   return isfinite(p.depth) &&
-         colour_of<kDegree>(part.at.sh + i, padded(part.primitives), from_camera, out);
+         colour_of<kDegree>(alive.at.sh + alive.i, alive.stride, from_camera, out);
 }
 
 __device__ void store_splat(const ScreenSplat& s, ScreenSplat* to) {
@@ -97,61 +111,61 @@ __device__ void store_splat(const ScreenSplat& s, ScreenSplat* to) {
   four[2] = make_float4(s.red, s.green, s.blue, s.depth);
 }
 
-// The part that has the chunk: the last one that begins at or before it.
-__device__ std::uint32_t part_of(const Part* parts, std::uint32_t count, std::uint32_t chunk) {
-  std::uint32_t low = 0, high = count;
-  while (high - low > 1) {
-    const std::uint32_t middle = (low + high) / 2;
-    if (parts[middle].first_chunk <= chunk) {
-      low = middle;
-    } else {
-      high = middle;
-    }
-  }
-  return low;
-}
-
-template <int kDegree>
-__global__ void __launch_bounds__(kChunk, 3) project(const ViewInput* input, const Workspace w) {
-  __shared__ ViewInput view;
-  __shared__ Part part;
+// A thread block takes a chunk of candidates. A thread has the splats of one, of all views.
+template <int kDegree, bool kSeveral>
+__global__ void __launch_bounds__(kChunk, 3) project(const FrameInput* input, const Workspace w) {
+  __shared__ FrameInput frame;
   __shared__ std::uint32_t digits[kDepthPasses][kDigits];
   __shared__ std::uint32_t sums[kWarps];
   __shared__ std::uint32_t chunk, before;
-  const Part* const parts = reinterpret_cast<const Part*>(input + 1);
-  if (threadIdx.x == 0) view = *input;
+  load_frame(input, frame);
   for (int p = 0; p < kDepthPasses; ++p) digits[p][threadIdx.x] = 0;
-  std::uint32_t alive_here = 0;
+  const std::uint32_t alive_count = w.counters->alive;
   for (;;) {
-    if (threadIdx.x == 0) {
-      chunk = atomicAdd(&w.counters->project_ticket, 1u);
-      if (chunk < view.chunks) part = parts[part_of(parts, view.parts, chunk)];
-    }
+    if (threadIdx.x == 0) chunk = atomicAdd(&w.counters->project_ticket, 1u);
     __syncthreads();
-    if (chunk >= view.chunks) break;
-    const std::uint32_t i = (chunk - part.first_chunk) * kChunk + threadIdx.x;
-    const float2 support = __ldg(part.at.support + i);
-    const auto ticks = static_cast<float>(part.ticks);
-    const bool alive = support.x <= ticks && ticks <= support.y;
-    alive_here += alive;
-    ScreenSplat splat;
-    const bool visible = alive && make_splat<kDegree>(part, i, view, splat);
+    if (chunk * kChunk >= alive_count) break;
+    const std::uint32_t rank = chunk * kChunk + threadIdx.x;
+    ScreenSplat splats[kSeveral ? kMostViews : 1];
+    const std::uint32_t views = kSeveral ? frame.view_count : 1;
+    unsigned seen = 0;  // a bit a view
+    if (rank < alive_count) {
+      const Candidate candidate = w.candidates[rank];
+      Alive alive;
+      if (find_alive(parts_of(input)[candidate.part], candidate.primitive, alive)) {
+#pragma unroll 1
+        for (std::uint32_t v = 0; v < views; ++v) {
+          if (make_splat<kDegree>(alive, frame.views[v], splats[v])) seen |= 1u << v;
+        }
+      }
+    }
 
     std::uint32_t total;
-    const std::uint32_t place = block_sum_before<kWarps>(visible, sums, total);
+    const std::uint32_t place = block_sum_before<kWarps>(__popc(seen), sums, total);
     if (threadIdx.x < 32) {
       const Told found = sum_before(w.project_told, chunk, total);
       if (threadIdx.x == 0) {
         before = static_cast<std::uint32_t>(found);
-        if (chunk + 1 == view.chunks) w.counters->visible = before + total;
+        if ((chunk + 1) * kChunk >= alive_count) {
+          const std::uint32_t all = before + total;
+          w.counters->visible = all;
+          w.counters->splats = all <= w.splat_capacity ? all : 0;
+        }
       }
     }
     __syncthreads();
-    if (visible) {
-      const std::uint32_t key = __float_as_uint(splat.depth);
-      store_splat(splat, w.splats + before + place);
-      w.depth_keys[0][before + place] = key;
-      for (int p = 0; p < kDepthPasses; ++p) atomicAdd(&digits[p][key >> 8 * p & 0xFFu], 1u);
+    if (before + total <= w.splat_capacity) {
+      std::uint32_t to = before + place;
+#pragma unroll 1
+      for (std::uint32_t v = 0; v < views; ++v) {
+        if ((seen >> v & 1u) == 0) continue;
+        const std::uint32_t key = __float_as_uint(splats[v].depth);
+        store_splat(splats[v], w.splats + to);
+        w.depth_keys[0][to] = key;
+        w.depth_order[0][to] = to | v << kViewShift;
+        for (int p = 0; p < kDepthPasses; ++p) atomicAdd(&digits[p][key >> 8 * p & 0xFFu], 1u);
+        ++to;
+      }
     }
     __syncthreads();
   }
@@ -159,34 +173,39 @@ __global__ void __launch_bounds__(kChunk, 3) project(const ViewInput* input, con
     const std::uint32_t n = digits[p][threadIdx.x];
     if (n != 0) atomicAdd(w.depth_digits + p * kDigits + threadIdx.x, n);
   }
-  alive_here = warp_sum(alive_here);
-  if ((threadIdx.x & 31) == 0 && alive_here != 0) atomicAdd(&w.counters->alive, alive_here);
 }
 
-using Kernel = void (*)(const ViewInput*, Workspace);
+using Kernel = void (*)(const FrameInput*, Workspace);
 
+template <bool kSeveral>
 Kernel kernel_of(int sh_degree) {
   switch (sh_degree) {
     case 0:
-      return project<0>;
+      return project<0, kSeveral>;
     case 1:
-      return project<1>;
+      return project<1, kSeveral>;
     case 2:
-      return project<2>;
+      return project<2, kSeveral>;
     default:
-      return project<3>;
+      return project<3, kSeveral>;
   }
 }
 
 }  // namespace
 
-cudaError_t project_grid(int sh_degree, unsigned& blocks) {
-  return resident_blocks(kernel_of(sh_degree), kChunk, blocks);
+cudaError_t project_grids(int sh_degree, unsigned& one, unsigned& several) {
+  const cudaError_t error = resident_blocks(kernel_of<false>(sh_degree), kChunk, one);
+  return error != cudaSuccess ? error
+                              : resident_blocks(kernel_of<true>(sh_degree), kChunk, several);
 }
 
-void launch_project(int sh_degree, const ViewInput* input, const Workspace& w, const Grids& grids,
-                    cudaStream_t stream) {
-  launch(kernel_of(sh_degree), grids.project, kChunk, stream, input, w);
+void launch_project(int sh_degree, bool several, const FrameInput* input, const Workspace& w,
+                    const Grids& grids, cudaStream_t stream) {
+  if (several) {
+    launch(kernel_of<true>(sh_degree), grids.project_several, kChunk, stream, input, w);
+  } else {
+    launch(kernel_of<false>(sh_degree), grids.project_one, kChunk, stream, input, w);
+  }
 }
 
 }  // namespace stgs::player::cuda

@@ -26,8 +26,8 @@ struct SortPass {
   std::uint32_t* told = nullptr;          // kDigits a sort tile, cleared
   std::uint32_t* ticket = nullptr;        // cleared
   const std::uint32_t* keys = nullptr;
-  const std::uint32_t* values = nullptr;  // null: 0, 1, 2...
-  std::uint32_t* keys_out = nullptr;      // null: not needed
+  const std::uint32_t* values = nullptr;
+  std::uint32_t* keys_out = nullptr;  // null: not needed
   std::uint32_t* values_out = nullptr;
   int shift = 0;  // of the digit
 };
@@ -113,15 +113,11 @@ __device__ inline void sort_tile(const SortPass& pass, std::uint32_t first, std:
   }
   volatile std::uint32_t* const told = pass.told + std::size_t{tile} * kDigits + thread;
   *told = (tile == 0 ? kDigitUpTo : kDigitOwn) | own;
-  const std::uint32_t* const values_in = pass.values == nullptr ? nullptr : pass.values + mine;
+  const std::uint32_t* const values_in = pass.values + mine;
   // Read here, not with the keys, for want of registers.
 #pragma unroll
   for (int k = 0; k < kSortItems; ++k) {
-    if (pass.values == nullptr) {
-      values[k] = mine + 32 * k;
-    } else {
-      values[k] = 32 * k < left ? values_in[32 * k] : 0;
-    }
+    values[k] = 32 * k < left ? values_in[32 * k] : 0;
   }
   std::uint32_t total;
   const std::uint32_t start = block_sum_before<kSortWarps>(own, s.sums, total);

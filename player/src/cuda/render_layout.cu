@@ -51,23 +51,6 @@ __global__ void __launch_bounds__(kChunk)
 
 }  // namespace
 
-PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) {
-  const std::size_t n = padded(primitives);
-  const auto take = [&](auto*& array) {
-    array = reinterpret_cast<std::remove_reference_t<decltype(array)>>(memory);
-    memory += n * sizeof(*array);
-  };
-  PackedSegment out;
-  take(out.support);
-  take(out.place);
-  take(out.motion);
-  take(out.lifespan);
-  take(out.covariance);
-  take(out.covariance_rest);
-  take(out.sh);
-  return out;
-}
-
 void pack_segment(const DeviceGaussians& from, std::uint32_t primitives, int sh_degree,
                   const PackedSegment& to, cudaStream_t stream) {
   if (primitives == 0) return;

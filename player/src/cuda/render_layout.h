@@ -13,7 +13,7 @@
 
 namespace stgs::player::cuda {
 
-inline constexpr std::uint32_t kChunk = 256;  // primitives that a thread block slices at a time
+inline constexpr std::uint32_t kChunk = 256;  // primitives that are dealt with together
 
 // Harmonics are half floats, four to a plane: entry i of plane p has numbers 4p to 4p + 3 of
 // primitive i, counted as in Gaussians4D::sh. Colours are blended to within 2^-10 of each other.
@@ -25,8 +25,8 @@ STGS_FN constexpr std::uint32_t padded(std::uint32_t primitives) {
   return (primitives + kChunk - 1) / kChunk * kChunk;
 }
 
-// Device arrays of padded(N) entries; of a type that may lie in shared memory. Entries from N on
-// have an empty support.
+// Device arrays of padded(N) entries, each behind the one before. Entries from N on have an empty
+// support.
 struct PackedSegment {
   float2* support;          // first and last moment at which it may be seen, ticks
   float4* place;            // position, time centre
@@ -45,7 +45,18 @@ constexpr std::size_t packed_bytes(std::uint32_t primitives, int sh_degree) {
   return padded(primitives) * packed_bytes_each(sh_degree);
 }
 // The arrays of a segment in such memory, aligned as cudaMalloc aligns.
-PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives);
+STGS_FN PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) {
+  const std::size_t n = padded(primitives);
+  PackedSegment out;
+  out.support = reinterpret_cast<float2*>(memory);
+  out.place = reinterpret_cast<float4*>(out.support + n);
+  out.motion = out.place + n;
+  out.lifespan = reinterpret_cast<float2*>(out.motion + n);
+  out.covariance = reinterpret_cast<float4*>(out.lifespan + n);
+  out.covariance_rest = reinterpret_cast<float2*>(out.covariance + n);
+  out.sh = reinterpret_cast<uint2*>(out.covariance_rest + n);
+  return out;
+}
 
 // Starts filling the arrays from a decoded segment. Harmonics beyond a half float's range are cut
 // to it: they are far beyond what a picture shows.

@@ -61,8 +61,8 @@ std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
   return packed_bytes(static_cast<std::uint32_t>(primitives), sh_degree());
 }
 
-void SegmentCache::give_back(const Resident& resident) {
-  if (resident.memory != nullptr) cudaFreeAsync(resident.memory, stream_.get());
+void SegmentCache::give_back(std::uint8_t* memory) {
+  if (memory != nullptr) cudaFreeAsync(memory, stream_.get());
 }
 
 void SegmentCache::release(std::uint32_t segment) {
@@ -71,13 +71,13 @@ void SegmentCache::release(std::uint32_t segment) {
   resident_.erase(found);
 }
 
-void SegmentCache::take_in(std::uint32_t segment, std::uint64_t primitives, const Resident& fresh) {
+void SegmentCache::take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
   resident_.emplace(segment, fresh);
   keep(segment, primitives, bytes_of(primitives));
 }
 
 Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set) {
-  Resident fresh;
+  std::uint8_t* fresh = nullptr;
   STGS_TRY(lay_out(set, fresh));
   take_in(segment, set.size(), fresh);
   return {};
@@ -101,20 +101,20 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
   return coded.empty() ? Status() : decode_batch(timeline, coded, numbers);
 }
 
-Status SegmentCache::allocate(std::uint32_t primitives, Resident& fresh) {
+Status SegmentCache::allocate(std::uint32_t primitives, std::uint8_t*& fresh) {
   const std::size_t bytes = std::max<std::size_t>(bytes_of(primitives), 1);
-  if (cudaMallocFromPoolAsync(&fresh.memory, bytes, pool_.get(), stream_.get()) != cudaSuccess) {
+  void* memory = nullptr;
+  if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) != cudaSuccess) {
     (void)cudaGetLastError();  // told here, and remembered no longer
-    fresh.memory = nullptr;
     return runtime_error("no {} MiB of GPU memory left for segments", (bytes >> 20) + 1);
   }
-  fresh.packed = packed_at(static_cast<std::uint8_t*>(fresh.memory), primitives);
+  fresh = static_cast<std::uint8_t*>(memory);
   return {};
 }
 
 Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegment> coded,
                                   std::span<const std::uint32_t> segments) {
-  std::vector<Resident> fresh(coded.size());
+  std::vector<std::uint8_t*> fresh(coded.size(), nullptr);
   const Result<std::vector<bool>> sound = decode_into(fresh, coded);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
     if (sound.ok() && (*sound)[k]) {
@@ -131,7 +131,7 @@ Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegme
 }
 
 // Sends a set that is decoded, and waits for it.
-Status SegmentCache::lay_out(const Gaussians4D& set, Resident& fresh) {
+Status SegmentCache::lay_out(const Gaussians4D& set, std::uint8_t*& fresh) {
   const auto n = static_cast<std::uint32_t>(set.size());
   STGS_TRY(floats_.ensure((floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float)));
   auto* memory = reinterpret_cast<float*>(floats_.data());
@@ -153,7 +153,7 @@ Status SegmentCache::lay_out(const Gaussians4D& set, Resident& fresh) {
   }
   Status status = allocate(n, fresh);
   if (status.ok()) {
-    pack_segment(to, n, sh_degree(), fresh.packed, stream_.get());
+    pack_segment(to, n, sh_degree(), packed_at(fresh, n), stream_.get());
     status = cuda_status(cudaGetLastError(), "starting to lay a segment out");
   }
   const Status ended = cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out");
@@ -162,7 +162,7 @@ Status SegmentCache::lay_out(const Gaussians4D& set, Resident& fresh) {
   return status;
 }
 
-Result<std::vector<bool>> SegmentCache::decode_into(std::span<Resident> fresh,
+Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fresh,
                                                     std::span<const CodedSegment> coded) {
   std::vector<const CodedSegment*> pointers;
   std::size_t floats = 0;
@@ -178,7 +178,8 @@ Result<std::vector<bool>> SegmentCache::decode_into(std::span<Resident> fresh,
   STGS_TRY(decoder_.prepare(pointers, to));
   STGS_TRY(decoder_.launch(stream_.get()));
   for (std::size_t k = 0; k < coded.size(); ++k) {
-    pack_segment(to[k], coded[k].primitives, sh_degree(), fresh[k].packed, stream_.get());
+    const std::uint32_t n = coded[k].primitives;
+    pack_segment(to[k], n, sh_degree(), packed_at(fresh[k], n), stream_.get());
   }
   const cudaError_t started = cudaGetLastError();
   Result<std::vector<bool>> sound = decoder_.finish();

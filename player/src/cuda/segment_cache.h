@@ -23,15 +23,10 @@ class SegmentCache final : public DeviceSegments {
   ~SegmentCache() override { clear(); }
 
   Status create();
-  // One that the last call of hold() gave.
-  const PackedSegment& at(std::uint32_t segment) const { return resident_.at(segment).packed; }
+  // The memory of one that the last call of hold() gave, for packed_at().
+  std::uint8_t* at(std::uint32_t segment) const { return resident_.at(segment); }
 
  private:
-  struct Resident {
-    PackedSegment packed;
-    void* memory = nullptr;
-  };
-
   Status begin(const SceneReader& reader) override;
   std::uint64_t bytes_of(std::uint64_t primitives) const override;
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override;
@@ -42,18 +37,18 @@ class SegmentCache final : public DeviceSegments {
                       std::span<const std::uint32_t> segments);
   // Starts and awaits the decoding of segments into `fresh`, for which it takes memory; which of
   // them are sound.
-  Result<std::vector<bool>> decode_into(std::span<Resident> fresh,
+  Result<std::vector<bool>> decode_into(std::span<std::uint8_t*> fresh,
                                         std::span<const CodedSegment> coded);
-  Status lay_out(const Gaussians4D& set, Resident& fresh);
-  Status allocate(std::uint32_t primitives, Resident& fresh);
-  void give_back(const Resident& resident);
-  void take_in(std::uint32_t segment, std::uint64_t primitives, const Resident& fresh);
+  Status lay_out(const Gaussians4D& set, std::uint8_t*& fresh);
+  Status allocate(std::uint32_t primitives, std::uint8_t*& fresh);
+  void give_back(std::uint8_t* memory);
+  void take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh);
 
   Stream stream_;
   MemoryPool pool_;
   SegmentDecoder decoder_;
   DeviceBuffer floats_;  // of the batch that is decoded
-  std::map<std::uint32_t, Resident> resident_;
+  std::map<std::uint32_t, std::uint8_t*> resident_;
 };
 
 }  // namespace stgs::player::cuda

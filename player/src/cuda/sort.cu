@@ -55,12 +55,12 @@ void launch_depth_sort(const Workspace& w, const Grids& grids, cudaStream_t stre
   for (int p = 0; p < kDepthPasses; ++p) {
     const bool last = p + 1 == kDepthPasses;
     SortPass pass;
-    pass.count = &w.counters->visible;
+    pass.count = &w.counters->splats;
     pass.digits = w.depth_digits + p * kDigits;
     pass.told = w.sort_told[p];
     pass.ticket = &w.counters->sort_tickets[p];
     pass.keys = w.depth_keys[p % 2];
-    pass.values = p == 0 ? nullptr : w.depth_order[p % 2];
+    pass.values = w.depth_order[p % 2];
     pass.keys_out = last ? nullptr : w.depth_keys[(p + 1) % 2];
     pass.values_out = w.depth_order[(p + 1) % 2];
     pass.shift = 8 * p;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// One of the views that a call draws: what it is given, its stages as a graph, and its picture.
+// A frame, which is one moment from up to kMostViews views: what it is given, its stages as a
+// graph, and its pictures.
 #pragma once
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "cuda/device_buffer.h"
 #include "cuda/frame_buffers.h"
@@ -11,42 +13,54 @@
 
 namespace stgs::player::cuda {
 
-// One thread; the current device. Views that share buffers are drawn on one stream.
-class ViewSlot {
+// One thread; the current device.
+class FrameGraph {
  public:
   // Starts drawing the parts. Not while it draws already.
-  Status start(const View& view, std::span<const Part> parts, int sh_degree, const Grids& grids,
-               const FrameBuffers& buffers, bool as_graph, cudaStream_t stream);
+  Status start(std::span<const View> views, std::span<const Part> parts, int sh_degree,
+               const Grids& grids, const FrameBuffers& buffers, bool as_graph, cudaStream_t stream);
   // What was counted, once the stream has been waited for.
   const Counters& counted() const { return *reinterpret_cast<const Counters*>(counted_.data()); }
   // Adds the stages' times, likewise.
   Status add_times(RenderStats& stats) const;
-  // Copies the picture to the host, likewise.
-  Status read(Frame& frame) const;
+  // Copies the pictures to the host, likewise.
+  Status read(std::vector<Frame>& frames) const;
 
  private:
   // What the graph was made for.
   struct Made {
     std::uint64_t generation = 0;  // of the buffers; 0: there is none
-    int sh_degree = 0, width = 0, height = 0;
+    int sh_degree = 0;
+    bool several = false;  // views
+    std::uint32_t tiles = 0;
     std::size_t parts = 0;  // that the input has room for
     bool operator==(const Made&) const = default;
   };
+  // Where a picture lies, bytes from the beginning of all of them.
+  struct Place {
+    std::size_t offset = 0;
+    int width = 0, height = 0;
+  };
   enum Stage { kBegin, kSliced, kBinned, kBlended, kStages };
 
+  void place_pictures(std::span<const View> views);
   Status make_room(const Made& made);
-  Status fill_input(const View& view, std::span<const Part> parts);
+  void fill_input(std::span<const View> views, std::span<const Part> parts);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
   // Starts all stages, each between events.
   Status enqueue(const Grids& grids, const FrameBuffers& buffers, unsigned event_flags,
                  cudaStream_t stream);
-  std::uint32_t tiles() const;
 
   Made now_, captured_;
+  std::vector<Place> places_;
+  std::size_t picture_bytes_ = 0;
   PinnedBuffer staged_, counted_;
-  DeviceBuffer input_, picture_;
+  DeviceBuffer input_, pictures_;
   Event events_[kStages];
   GraphExec graph_;
 };
+
+// Of the views' pictures, together.
+std::uint32_t tiles_of(std::span<const View> views);
 
 }  // namespace stgs::player::cuda

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/frame_graph.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+namespace stgs::player::cuda {
+namespace {
+
+static_assert(kMostViews == kMaxViews);
+
+constexpr std::size_t kPlanes = 5;          // of a picture: red, green, blue, alpha, depth
+constexpr std::size_t kPictureAlign = 256;  // bytes, as cudaMalloc aligns
+
+std::size_t input_bytes(std::size_t parts) {
+  return sizeof(FrameInput) + parts * sizeof(Part);
+}
+
+int pixels_along(float side) {
+  return static_cast<int>(std::lround(side));
+}
+
+int tiles_along(float side) {
+  return (pixels_along(side) + kTilePixels - 1) / kTilePixels;
+}
+
+std::uint32_t tiles_of(const View& view) {
+  return static_cast<std::uint32_t>(tiles_along(view.camera.width) *
+                                    tiles_along(view.camera.height));
+}
+
+}  // namespace
+
+std::uint32_t tiles_of(std::span<const View> views) {
+  std::uint32_t tiles = 0;
+  for (const View& view : views) tiles += tiles_of(view);
+  return tiles;
+}
+
+Status FrameGraph::start(std::span<const View> views, std::span<const Part> parts, int sh_degree,
+                         const Grids& grids, const FrameBuffers& buffers, bool as_graph,
+                         cudaStream_t stream) {
+  Made made;
+  made.generation = buffers.generation();
+  made.sh_degree = sh_degree;
+  made.several = views.size() > 1;
+  made.tiles = tiles_of(views);
+  made.parts = std::max(std::bit_ceil(parts.size() + 1), now_.parts);
+  place_pictures(views);
+  STGS_TRY(make_room(made));
+  fill_input(views, parts);
+  if (!as_graph) return enqueue(grids, buffers, cudaEventRecordDefault, stream);
+  if (captured_ != now_) STGS_TRY(capture(grids, buffers, stream));
+  return cuda_status(cudaGraphLaunch(graph_.get(), stream), "starting a frame");
+}
+
+void FrameGraph::place_pictures(std::span<const View> views) {
+  places_.clear();
+  picture_bytes_ = 0;
+  for (const View& view : views) {
+    const Place place{picture_bytes_, pixels_along(view.camera.width),
+                      pixels_along(view.camera.height)};
+    const std::size_t bytes = kPlanes * sizeof(float) * static_cast<std::size_t>(place.width) *
+                              static_cast<std::size_t>(place.height);
+    picture_bytes_ += (bytes + kPictureAlign - 1) / kPictureAlign * kPictureAlign;
+    places_.push_back(place);
+  }
+}
+
+Status FrameGraph::make_room(const Made& made) {
+  // Where memory moves, the graph must be made again. That of the pictures is told by the input.
+  if (made != now_) captured_ = {};
+  STGS_TRY(staged_.ensure(input_bytes(made.parts)));
+  STGS_TRY(input_.ensure(input_bytes(made.parts)));
+  STGS_TRY(counted_.ensure(sizeof(Counters)));
+  STGS_TRY(pictures_.ensure(picture_bytes_));
+  for (Event& event : events_) {
+    if (event.get() != nullptr) continue;
+    STGS_TRY(cuda_status(cudaEventCreate(event.fresh()), "creating an event"));
+  }
+  now_ = made;
+  return {};
+}
+
+void FrameGraph::fill_input(std::span<const View> views, std::span<const Part> parts) {
+  FrameInput frame{};
+  std::uint32_t tiles = 0;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const View& view = views[i];
+    ViewInput& input = frame.views[i];
+    input.camera = view.camera;
+    input.centre = math::camera_centre(view.camera);
+    input.background = view.background;
+    input.width = places_[i].width;
+    input.height = places_[i].height;
+    input.tiles_x = tiles_along(view.camera.width);
+    input.tiles_y = tiles_along(view.camera.height);
+    input.first_tile = tiles;
+    input.planes = reinterpret_cast<float*>(pictures_.data() + places_[i].offset);
+    tiles += tiles_of(view);
+  }
+  frame.view_count = static_cast<std::uint32_t>(views.size());
+  frame.parts = static_cast<std::uint32_t>(parts.size());
+  if (!parts.empty()) {
+    frame.chunks = parts.back().first_chunk + padded(parts.back().primitives) / kChunk;
+  }
+  std::memcpy(staged_.data(), &frame, sizeof(frame));
+  if (!parts.empty()) {
+    std::memcpy(staged_.data() + sizeof(frame), parts.data(), parts.size_bytes());
+  }
+}
+
+Status FrameGraph::capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream) {
+  graph_.reset();
+  captured_ = {};
+  STGS_TRY(cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal),
+                       "beginning a graph"));
+  const Status enqueued = enqueue(grids, buffers, cudaEventRecordExternal, stream);
+  Graph graph;
+  const cudaError_t ended = cudaStreamEndCapture(stream, graph.fresh());
+  STGS_TRY(enqueued);
+  STGS_TRY(cuda_status(ended, "recording a graph"));
+  STGS_TRY(cuda_status(cudaGraphInstantiate(graph_.fresh(), graph.get(), 0), "making a graph"));
+  captured_ = now_;
+  return {};
+}
+
+Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, unsigned event_flags,
+                           cudaStream_t stream) {
+  const auto* const input = reinterpret_cast<const FrameInput*>(input_.data());
+  const Workspace w = buffers.workspace(now_.tiles);
+  const auto told = [&](Stage stage) {
+    return cuda_status(cudaEventRecordWithFlags(events_[stage].get(), stream, event_flags),
+                       "recording an event");
+  };
+  STGS_TRY(told(kBegin));
+  STGS_TRY(cuda_status(cudaMemcpyAsync(input_.data(), staged_.data(), input_bytes(now_.parts),
+                                       cudaMemcpyHostToDevice, stream),
+                       "sending a frame's input"));
+  STGS_TRY(cuda_status(buffers.clear(stream), "clearing counters"));
+  launch_select(input, w, grids, stream);
+  launch_project(now_.sh_degree, now_.several, input, w, grids, stream);
+  STGS_TRY(told(kSliced));
+  launch_depth_sort(w, grids, stream);
+  launch_list(input, w, grids, stream);
+  launch_tile_sort(w, grids, stream);
+  STGS_TRY(told(kBinned));
+  launch_blend(input, now_.tiles, w, stream);
+  STGS_TRY(told(kBlended));
+  STGS_TRY(cuda_status(cudaGetLastError(), "starting the stages of a frame"));
+  return cuda_status(cudaMemcpyAsync(counted_.data(), w.counters, sizeof(Counters),
+                                     cudaMemcpyDeviceToHost, stream),
+                     "asking for counts");
+}
+
+Status FrameGraph::add_times(RenderStats& stats) const {
+  double* const sums[] = {&stats.slice_ms, &stats.bin_ms, &stats.blend_ms};
+  for (int stage = kBegin; stage < kBlended; ++stage) {
+    float ms = 0;
+    STGS_TRY(cuda_status(cudaEventElapsedTime(&ms, events_[stage].get(), events_[stage + 1].get()),
+                         "reading the time of a stage"));
+    *sums[stage] += ms;
+    stats.device_ms += ms;
+  }
+  return {};
+}
+
+Status FrameGraph::read(std::vector<Frame>& frames) const {
+  frames.resize(places_.size());
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    const auto [offset, width, height] = places_[i];
+    Frame& frame = frames[i];
+    frame.colour.reshape(width, height, 3);
+    frame.alpha.reshape(width, height, 1);
+    frame.depth.reshape(width, height, 1);
+    const std::uint8_t* from = pictures_.data() + offset;
+    for (Image* image : {&frame.colour, &frame.alpha, &frame.depth}) {
+      const std::size_t bytes = sizeof(float) * image->data.size();
+      STGS_TRY(cuda_status(cudaMemcpy(image->data.data(), from, bytes, cudaMemcpyDeviceToHost),
+                           "copying a picture"));
+      from += bytes;
+    }
+  }
+  return {};
+}
+
+}  // namespace stgs::player::cuda
