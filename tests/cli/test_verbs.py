@@ -181,6 +181,49 @@ class Reading(CliTest):
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")
 
+    def test_bench_draws_two_eyes(self):
+        args = ["bench", self.fixture("tiny.stgs"), "--pictures", "3", "--size", "32x24",
+                "--backend", "cpu"]
+        one, two = self.json_of(*args), self.json_of(*args, "--stereo", "0.06")
+        self.assertNotIn("stereo", one)
+        self.assertEqual(two["stereo"]["eye_distance"], 0.06)
+        times = two["again"]["frame_ms"]["p50"] / two["stereo"]["one_eye"]["frame_ms"]["p50"]
+        self.assertAlmostEqual(two["stereo"]["times_one_eye"], times)
+        self.assertEqual(two["alive"], one["alive"])
+        self.assertGreater(two["drawn"], 1.5 * one["drawn"])
+        self.assertIn(b"two eyes take", self.succeeds(*args, "--stereo", "0.06").stdout)
+
+    def test_bench_stores_more_than_is_alive(self):
+        args = ["bench", self.fixture("tiny.stgs"), "--pictures", "5", "--size", "32x24"]
+        one, many = (self.json_of(*args, "--lives", n) for n in ("1", "20"))
+        self.assertEqual(many["primitives"], 20 * one["primitives"])
+        # Some opacities are below what is drawn; some lives are met at their borders.
+        self.assertLessEqual(one["alive"], one["primitives"])
+        self.assertAlmostEqual(many["alive"], one["alive"], delta=0.02 * one["alive"])
+        self.fails(USAGE, "--animate excludes --lives", *args, "--lives", "2", "--animate")
+
+    def test_bench_plays_in_order(self):
+        scene = self.fixture("tiny.stgs")
+        for through in ("timeline", "player"):
+            with self.subTest(through=through):
+                play = self.json_of("bench", scene, "--play", through, "--frames", "9", "--refresh",
+                                    "50", "--rate", "2", "--size", "32x24",
+                                    "--backend", "cpu")["play"]
+                # Nine frames of 1/30 s at twice their rate.
+                self.assertEqual(play["pictures"], 8)
+                self.assertLessEqual(play["drawing"]["frame_ms"]["p99"], play["longest_ms"])
+                self.assertLessEqual(play["fetch_share"], 1)
+        # No picture of this size is drawn in a ten thousandth of a second by a processor.
+        late = self.json_of("bench", scene, "--play", "timeline", "--frames", "1", "--refresh",
+                            "10000", "--size", "640x480", "--backend", "cpu")["play"]
+        self.assertEqual(late["missed"], late["pictures"])
+        text = self.succeeds("bench", scene, "--play", "player", "--frames", "2").stdout.decode()
+        self.assertRegex(text, r"2 frames at 1 times their rate, 100 pictures a second: \d of 7 ")
+        self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")
+        camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
+        self.fails(USAGE, "takes one camera, not 2", "bench", scene, "--play", "player",
+                   "--camera", camera, "--camera", camera)
+
     def test_compare(self):
         tiny, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
         same = self.json_of("compare", tiny, tiny, "--min-psnr", "100")

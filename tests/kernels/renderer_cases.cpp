@@ -273,7 +273,7 @@ TEST_CASE("the number of views may change from call to call, and a view may see 
 TEST_CASE("what is alive is found among many that are not, in segments of any size") {
   const auto device = device_renderer();
   for (const std::size_t n : {1, 255, 256, 257, 2047, 2048, 2049, 30000}) {
-    Scene scene = random_scene(n, 1, kFrames, 70 + n);
+    Scene scene = random_scene(n, 1, kFrames, static_cast<unsigned>(70 + n));
     Gaussians4D& set = scene.gaussians;
     for (std::size_t i = 0; i < n; ++i) {
       set.sigma[i] = i % 5 == 0 ? 200.0f : 0.4f;

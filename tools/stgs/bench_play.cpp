@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench_play.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <thread>
+#include <utility>
+
+#include "stgs/player/player.h"
+
+namespace stgs::tools {
+namespace {
+
+constexpr double kPoll = 0.001;  // seconds
+
+void sleep(double seconds) {
+  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+}
+
+class TimelinePlayback final : public Playback {
+ public:
+  TimelinePlayback(std::unique_ptr<player::Timeline> timeline, double rate)
+      : timeline_(std::move(timeline)), rate_(rate) {}
+  player::Timeline& timeline() override { return *timeline_; }
+  Result<double> advance(double passed) override {
+    return std::fmod(passed * rate_, timeline_->duration_seconds());
+  }
+  bool waits() const override { return false; }
+
+ private:
+  std::unique_ptr<player::Timeline> timeline_;
+  double rate_;
+};
+
+class PlayerPlayback final : public Playback {
+ public:
+  explicit PlayerPlayback(std::unique_ptr<player::Player> player) : player_(std::move(player)) {}
+  player::Timeline& timeline() override { return player_->timeline(); }
+  Result<double> advance(double passed) override {
+    if (player_->state() == player::PlayerState::kPaused) STGS_TRY(begin());
+    return player_->advance(passed);
+  }
+  bool waits() const override { return player_->state() == player::PlayerState::kBuffering; }
+
+ private:
+  // The player's clock stands at 0 meanwhile, and goes on from there.
+  Status begin() {
+    player_->play();
+    while (player_->advance(0), player_->state() != player::PlayerState::kPlaying) {
+      for (const player::PlayerEvent& event : player_->take_events()) {
+        if (event.kind == player::PlayerEvent::Kind::kLost) {
+          return io_error("play cannot begin: {}", event.message);
+        }
+      }
+      if (interrupted()) return runtime_error("play has not begun");
+      sleep(kPoll);
+    }
+    return {};
+  }
+
+  std::unique_ptr<player::Player> player_;
+};
+
+}  // namespace
+
+std::unique_ptr<Playback> playback_of(std::unique_ptr<player::Timeline> timeline, double rate) {
+  return std::make_unique<TimelinePlayback>(std::move(timeline), rate);
+}
+
+Result<std::unique_ptr<Playback>> playback_of(std::unique_ptr<ByteSource> source,
+                                              std::uint64_t memory_budget, double rate) {
+  player::PlayerSettings settings;
+  settings.memory_budget = memory_budget;
+  STGS_ASSIGN(auto player, player::Player::over(std::move(source), settings));
+  STGS_TRY(player->set_rate(rate));
+  player->set_loop(true);
+  return std::unique_ptr<Playback>(std::make_unique<PlayerPlayback>(std::move(player)));
+}
+
+Result<Played> play(Session& session, Playback& playback, player::Renderer& renderer,
+                    const std::vector<player::View>& views, const PlaySettings& settings,
+                    const std::string& file) {
+  Played out;
+  player::RenderStats stats;
+  const auto draw = [&](double due) -> Status {
+    STGS_ASSIGN(const double seconds, playback.advance(due));
+    return at_moment(renderer.draw(playback.timeline(), seconds, views, &stats), file, seconds);
+  };
+  const double period = 1 / settings.refresh;
+  const SceneMetadata& metadata = playback.timeline().metadata();
+  const double length = metadata.time_base.seconds(settings.frames) / settings.rate;
+  out.pictures = std::max(1, static_cast<int>(std::ceil(length / period - 1e-9)));
+  const double begin = now_seconds();
+  STGS_TRY(draw(0));
+  const double start = now_seconds();
+  out.start_ms = 1e3 * (start - begin);
+  for (int k = 0; k < out.pictures; ++k) {
+    const double due = k * period;
+    const double early = due - (now_seconds() - start);
+    if (early > 0) sleep(early);
+    if (early > -period) {
+      const double begun = now_seconds();
+      STGS_TRY(draw(due));
+      const double end = now_seconds();
+      out.pass.add(1e3 * (end - begun), stats);
+      out.missed += end - start > due + period;
+      out.waited += playback.waits();
+    } else {
+      ++out.missed;
+    }
+    if (!session.progress("play", static_cast<std::size_t>(k) + 1,
+                          static_cast<std::size_t>(out.pictures))) {
+      return runtime_error("the measurement is not complete");
+    }
+  }
+  out.seconds = now_seconds() - start;
+  return out;
+}
+
+Json to_json(const Played& played, const PlaySettings& settings) {
+  const Pass& pass = played.pass;
+  return {{"frames", settings.frames},
+          {"refresh", settings.refresh},
+          {"rate", settings.rate},
+          {"pictures", played.pictures},
+          {"missed", played.missed},
+          {"waited", played.waited},
+          {"start_ms", played.start_ms},
+          {"longest_ms", percentile(pass.frame, 1)},
+          {"fetch_share", sum(pass.fetch) / std::max(sum(pass.frame), 1e-9)},
+          {"busy_share", sum(pass.frame) / (1e3 * played.seconds)},
+          {"drawing", to_json(pass)}};
+}
+
+std::string to_text(const Played& played, const PlaySettings& settings) {
+  const Pass& pass = played.pass;
+  return fmt::format(
+      "{} frames at {} times their rate, {} pictures a second: {} of {} missed, {} waited for what "
+      "is next; the first after {:.1f} ms, the longest {:.3f} ms\n"
+      "fetching is {:.1f} % of drawing, drawing {:.1f} % of the time\n{}",
+      settings.frames, settings.rate, settings.refresh, played.missed, played.pictures,
+      played.waited, played.start_ms, percentile(pass.frame, 1),
+      1e2 * sum(pass.fetch) / std::max(sum(pass.frame), 1e-9),
+      1e-1 * sum(pass.frame) / played.seconds, to_text("play", pass));
+}
+
+}  // namespace stgs::tools

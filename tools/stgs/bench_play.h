@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Playing a scene in order against the clock of a display.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "bench_measure.h"
+#include "stgs/format/byte_source.h"
+#include "stgs/player/renderer.h"
+#include "stgs/player/timeline.h"
+
+namespace stgs::tools {
+
+struct PlaySettings {
+  int frames = 300;      // of the clip, from its beginning, which follows its end
+  double refresh = 100;  // pictures a second
+  double rate = 1;       // of play
+};
+
+// What a clip is played through.
+class Playback {
+ public:
+  virtual ~Playback() = default;
+  virtual player::Timeline& timeline() = 0;
+  // The moment to draw `passed` seconds after play began; at 0 waits until it can begin.
+  // kRuntime where it cannot.
+  virtual Result<double> advance(double passed) = 0;
+  // Whether it stood still at the last moment, for want of what is next.
+  virtual bool waits() const = 0;
+};
+
+// "timeline": a moment's segments are decoded when it is drawn, by the renderer's device.
+std::unique_ptr<Playback> playback_of(std::unique_ptr<player::Timeline> timeline, double rate);
+// "player": fetched and decoded ahead, by threads of the processor.
+Result<std::unique_ptr<Playback>> playback_of(std::unique_ptr<ByteSource> source,
+                                              std::uint64_t memory_budget, double rate);
+
+struct Played {
+  Pass pass;            // the pictures that were drawn
+  int pictures = 0;     // of the display
+  int missed = 0;       // of these: not ready when the next was due
+  int waited = 0;       // of these: play stood still
+  double start_ms = 0;  // until the first picture, drawn before the clock starts
+  double seconds = 0;   // from then on
+};
+
+// Draws a picture of `view` each 1 / refresh seconds; one that is late is left out, as by a
+// display. `file` is for messages.
+Result<Played> play(Session& session, Playback& playback, player::Renderer& renderer,
+                    const std::vector<player::View>& views, const PlaySettings& settings,
+                    const std::string& file);
+
+Json to_json(const Played& played, const PlaySettings& settings);
+std::string to_text(const Played& played, const PlaySettings& settings);
+
+}  // namespace stgs::tools
