@@ -193,6 +193,10 @@ class Reading(CliTest):
         self.assertGreater(two["drawn"], 1.5 * one["drawn"])
         self.assertIn(b"two eyes take", self.succeeds(*args, "--stereo", "0.06").stdout)
 
+    def test_bench_tells_steps_where_the_backend_does(self):
+        self.fails(5, "'cpu' does not tell what its steps take", "bench", self.fixture("tiny.stgs"),
+                   "--steps", "--backend", "cpu")
+
     def test_bench_stores_more_than_is_alive(self):
         args = ["bench", self.fixture("tiny.stgs"), "--pictures", "5", "--size", "32x24"]
         one, many = (self.json_of(*args, "--lives", n) for n in ("1", "20"))

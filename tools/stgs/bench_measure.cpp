@@ -72,4 +72,50 @@ std::string to_text(const char* name, const Pass& pass) {
   return text;
 }
 
+void StepTable::add(const player::RenderProfile& profile) {
+  bytes_per_second_ = profile.bytes_per_second;
+  operations_per_second_ = profile.operations_per_second;
+  rows_.resize(profile.steps.size());
+  for (std::size_t i = 0; i < rows_.size(); ++i) {
+    const player::RenderStep& step = profile.steps[i];
+    rows_[i].name = step.name;
+    rows_[i].ms.push_back(step.ms);
+    rows_[i].bytes.push_back(step.bytes);
+    rows_[i].operations.push_back(step.operations);
+  }
+}
+
+double StepTable::floor_ms(const Row& row) const {
+  return 1e3 * std::max(mean(row.bytes) / bytes_per_second_,
+                        mean(row.operations) / operations_per_second_);
+}
+
+Json StepTable::to_json() const {
+  Json steps = Json::array();
+  for (const Row& row : rows_) {
+    steps.push_back({{"step", row.name},
+                     {"ms", percentile(row.ms, 0.5)},
+                     {"floor_ms", floor_ms(row)},
+                     {"bytes", mean(row.bytes)},
+                     {"operations", mean(row.operations)}});
+  }
+  return {{"bytes_per_second", bytes_per_second_},
+          {"operations_per_second", operations_per_second_},
+          {"steps", steps}};
+}
+
+std::string StepTable::to_text() const {
+  std::string text = fmt::format("{:<12} {:>10} {:>10} {:>10} {:>10}\n", "step", "p50 ms",
+                                 "floor ms", "MB", "10^9 ops");
+  double ms = 0, floor = 0;
+  for (const Row& row : rows_) {
+    ms += percentile(row.ms, 0.5);
+    floor += floor_ms(row);
+    text += fmt::format("  {:<10} {:>10.4f} {:>10.4f} {:>10.2f} {:>10.3f}\n", row.name,
+                        percentile(row.ms, 0.5), floor_ms(row), 1e-6 * mean(row.bytes),
+                        1e-9 * mean(row.operations));
+  }
+  return text + fmt::format("  {:<10} {:>10.4f} {:>10.4f}\n", "all", ms, floor);
+}
+
 }  // namespace stgs::tools

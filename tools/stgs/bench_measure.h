@@ -28,4 +28,24 @@ Json to_json(const Pass& pass);
 // A table with `name` at its head.
 std::string to_text(const char* name, const Pass& pass);
 
+// What each step of drawing takes, beside its floor: the longer of its bytes over the device's
+// bandwidth and its operations over their rate.
+class StepTable {
+ public:
+  // One picture's, which all have the same steps.
+  void add(const player::RenderProfile& profile);
+  Json to_json() const;
+  std::string to_text() const;
+
+ private:
+  struct Row {
+    std::string name;
+    std::vector<double> ms, bytes, operations;
+  };
+  double floor_ms(const Row& row) const;
+
+  double bytes_per_second_ = 0, operations_per_second_ = 0;
+  std::vector<Row> rows_;
+};
+
 }  // namespace stgs::tools

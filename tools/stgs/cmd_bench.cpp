@@ -31,6 +31,9 @@ class Bench final : public Command {
             "blend: the pixels; device: these three by the clock of a GPU. Milliseconds a\n"
             "picture, over the pictures of a pass; fps is 1000 over the median.\n"
             "--stereo draws two eyes in one call and, in a third pass, the left one alone.\n"
+            "--steps draws each picture of the second pass once more, step by step, and tells\n"
+            "beside the time of a step the least that its bytes or operations can take, where\n"
+            "the backend counts them (cuda).\n"
             "--play plays frames in order against a display's clock instead: through 'timeline'\n"
             "a moment is decoded when it is drawn, by the backend's device; through 'player' it\n"
             "is fetched and decoded ahead by the processor. A picture that is not ready when the\n"
@@ -60,7 +63,11 @@ class Bench final : public Command {
         ->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Draw two eyes so far apart, scene units")
         ->check(number_between(0, 1e6));
+    auto* steps =
+        app.add_flag("--steps", steps_,
+                     "Tell what each step of drawing takes, beside what it must move and compute");
     auto* play = app.add_option("--play", play_through_, "Play in order through this")
+                     ->excludes(steps)
                      ->check(CLI::IsMember({"timeline", "player"}));
     app.add_option("--frames", play_.frames, "How many --play plays")
         ->needs(play)
@@ -153,12 +160,17 @@ class Bench final : public Command {
     return eyes;
   }
 
-  Status run_passes(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
-    tell_damage(session, timeline);
-    STGS_ASSIGN(const auto cameras, find_cameras(timeline.metadata()));
-    std::vector<Pass> passes(eye_distance_ ? 3 : 2);
-    const std::size_t pictures = static_cast<std::size_t>(pictures_);
-    for (std::size_t k = 0; k < passes.size() * pictures; ++k) {
+  struct Measured {
+    std::vector<Pass> passes;  // first, again, and with --stereo one eye
+    StepTable steps;
+  };
+
+  Result<Measured> measure(Session& session, player::Timeline& timeline, player::Renderer& renderer,
+                           const std::vector<encoder::Camera>& cameras) const {
+    Measured out;
+    out.passes.resize(eye_distance_ ? 3 : 2);
+    const auto pictures = static_cast<std::size_t>(pictures_), all = out.passes.size() * pictures;
+    for (std::size_t k = 0; k < all; ++k) {
       const std::size_t pass = k / pictures, picture = k % pictures;
       std::vector<player::View> views =
           views_of(cameras[picture % cameras.size()], timeline.metadata());
@@ -168,29 +180,44 @@ class Bench final : public Command {
       player::RenderStats stats;
       const double begin = now_seconds();
       STGS_TRY(at_moment(renderer.draw(timeline, seconds, views, &stats), file_, seconds));
-      passes[pass].add(1e3 * (now_seconds() - begin), stats);
-      if (!session.progress("bench", k + 1, passes.size() * pictures)) {
+      out.passes[pass].add(1e3 * (now_seconds() - begin), stats);
+      if (steps_ && pass == 1) {
+        STGS_ASSIGN(const player::RenderProfile profile, renderer.profile());
+        out.steps.add(profile);
+      }
+      if (!session.progress("bench", k + 1, all)) {
         return runtime_error("the measurement is not complete");
       }
     }
+    return out;
+  }
+
+  Status run_passes(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
+    tell_damage(session, timeline);
+    STGS_ASSIGN(const auto cameras, find_cameras(timeline.metadata()));
+    STGS_ASSIGN(const Measured measured, measure(session, timeline, renderer, cameras));
     tell_losses(session, timeline);
-    Json json = head(timeline, renderer, cameras, passes[1]);
+    const Pass &first = measured.passes[0], &again = measured.passes[1];
+    Json json = head(timeline, renderer, cameras, again);
     json["pictures"] = pictures_;
-    json["first"] = to_json(passes[0]);
-    json["again"] = to_json(passes[1]);
-    std::string text = head_text(timeline, renderer, cameras, passes[1]) +
-                       to_text("first", passes[0]) + to_text("again", passes[1]);
+    json["first"] = to_json(first);
+    json["again"] = to_json(again);
+    std::string text = head_text(timeline, renderer, cameras, again) + to_text("first", first) +
+                       to_text("again", again);
     if (eye_distance_) {
-      const double times = percentile(passes[1].frame, 0.5) / percentile(passes[2].frame, 0.5);
-      json["stereo"] = {{"eye_distance", *eye_distance_},
-                        {"one_eye", to_json(passes[2])},
-                        {"times_one_eye", times}};
-      text += to_text("one eye", passes[2]) +
-              fmt::format("two eyes take {:.3f} times as long as one\n", times);
+      const Pass& one = measured.passes[2];
+      const double times = percentile(again.frame, 0.5) / percentile(one.frame, 0.5);
+      json["stereo"] = {
+          {"eye_distance", *eye_distance_}, {"one_eye", to_json(one)}, {"times_one_eye", times}};
+      text += to_text("one eye", one) + fmt::format("two eyes take {:.3f} times as long\n", times);
+    }
+    if (steps_) {
+      json["steps"] = measured.steps.to_json();
+      text += measured.steps.to_text();
     }
     json["peak_memory"] = peak_memory();
     text += fmt::format("{:.1f} pictures a second, peak memory {}\n",
-                        1e3 / percentile(passes[1].frame, 0.5), human_bytes(peak_memory()));
+                        1e3 / percentile(again.frame, 0.5), human_bytes(peak_memory()));
     return session.emit(json, text);
   }
 
@@ -244,7 +271,7 @@ class Bench final : public Command {
   std::string file_, size_, play_through_;
   std::vector<std::string> camera_files_;
   int pictures_ = 40, lives_ = 0;
-  bool animate_ = false, full_harmonics_ = false;
+  bool animate_ = false, full_harmonics_ = false, steps_ = false;
   std::optional<double> eye_distance_;
   PlaySettings play_;
   double memory_mb_ = 4096;

@@ -35,7 +35,9 @@ struct Pixel {
   float transmittance, red, green, blue, depth;
 };
 
-__device__ void blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
+// Returns to how many of the pixels it contributes.
+__device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
+  unsigned contributions = 0;
   const float dx = px - s.a.x;
   const float along = s.b.y + s.a.z * dx * dx, cross = s.a.w * dx;
 #pragma unroll
@@ -55,7 +57,9 @@ __device__ void blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
     pixel.blue = fmaf(weight, s.c.z, pixel.blue);
     pixel.depth = fmaf(weight, s.c.w, pixel.depth);
     pixel.transmittance = after;
+    ++contributions;
   }
+  return contributions;
 }
 
 __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& view) {
@@ -75,9 +79,10 @@ __device__ const ViewInput& view_of(const FrameInput& frame, std::uint32_t tile)
   return frame.views[v];
 }
 
+template <bool kCount>
 __global__ void __launch_bounds__(kWarps * 32)
     blend(const FrameInput* input, const uint2* ranges, const std::uint32_t* list,
-          const ScreenSplat* splats) {
+          const ScreenSplat* splats, Counters* counters) {
   __shared__ Quad stages[kWarps][32];
   const int warp = static_cast<int>(threadIdx.x / 32), lane = static_cast<int>(threadIdx.x & 31);
   const ViewInput& view = view_of(*input, blockIdx.x);
@@ -106,6 +111,7 @@ __global__ void __launch_bounds__(kWarps * 32)
   }
 
   const uint2 range = ranges[blockIdx.x];
+  unsigned evaluations = 0, contributions = 0;  // of the lane, where they are counted
   // A splat is asked for one batch ahead, its number two.
   Quad next{};
   std::uint32_t number = 0;
@@ -123,22 +129,35 @@ __global__ void __launch_bounds__(kWarps * 32)
     if (at + 32 + lane < range.y) next = load_quad(splats, number);
     if (at + 64 + lane < range.y) number = list[at + 64 + lane];
     const int count = __popc(hits);
-    for (int k = 0; k < count; ++k) blend_splat(stage[k], px, pixels);
+    for (int k = 0; k < count; ++k) {
+      const unsigned contributed = blend_splat(stage[k], px, pixels);
+      if (kCount) contributions += contributed;
+    }
+    if (kCount) evaluations += kEach * count;
     __syncwarp();
   }
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
     if (x < width && y + k * kStep < height) write_pixel(pixels[k], x, y + k * kStep, view);
   }
+  if (kCount) {
+    evaluations = warp_sum(evaluations);
+    contributions = warp_sum(contributions);
+    if (lane == 0) {
+      atomicAdd(&counters->evaluations, evaluations);
+      atomicAdd(&counters->contributions, contributions);
+    }
+  }
 }
 
 }  // namespace
 
-void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w,
+void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, bool count,
                   cudaStream_t stream) {
-  launch(blend, tiles, kWarps * 32, stream, input, static_cast<const uint2*>(w.tile_ranges),
+  launch(count ? blend<true> : blend<false>, tiles, kWarps * 32, stream, input,
+         static_cast<const uint2*>(w.tile_ranges),
          static_cast<const std::uint32_t*>(w.tile_splats[w.tile_passes % 2]),
-         static_cast<const ScreenSplat*>(w.splats));
+         static_cast<const ScreenSplat*>(w.splats), w.counters);
 }
 
 }  // namespace stgs::player::cuda

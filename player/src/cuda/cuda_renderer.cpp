@@ -81,6 +81,15 @@ class CudaRenderer final : public Renderer {
     return {};
   }
 
+  Result<RenderProfile> profile() override {
+    if (!drawn_) return usage_error("there is nothing drawn to be drawn again");
+    try {
+      return frame_.profile(grids_[degree_], buffers_, stream_.get());
+    } catch (const std::exception& e) {
+      return runtime_error("no memory to tell what a frame takes: {}", e.what());
+    }
+  }
+
  private:
   void list_parts(const Timeline& timeline, const std::vector<Timeline::Needed>& needed) {
     parts_.clear();
@@ -118,7 +127,7 @@ class CudaRenderer final : public Renderer {
 
   // Draws, and again with more room where splats or instances did not fit.
   Status draw_views(const Timeline& timeline, double seconds, const std::vector<View>& views) {
-    const int degree = timeline.reader().sh_degree();
+    degree_ = timeline.reader().sh_degree();
     if (splats_at_most(views.size()) > kMaxSplats) {
       return runtime_error(
           "{}: cannot draw {} s: more primitives may be alive than fit a frame (2^{} of all views)",
@@ -127,7 +136,7 @@ class CudaRenderer final : public Renderer {
     FrameNeed need = need_of(views);
     for (;;) {
       STGS_TRY(buffers_.ensure(need));
-      const Status started = frame_.start(views, parts_, degree, grids_[degree], buffers_,
+      const Status started = frame_.start(views, parts_, degree_, grids_[degree_], buffers_,
                                           settings_.graph, stream_.get());
       // Also after an error: what has begun uses the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());
@@ -155,6 +164,7 @@ class CudaRenderer final : public Renderer {
   FrameGraph frame_;
   std::vector<Part> parts_;  // of the moment
   std::uint32_t chunks_ = 0;
+  int degree_ = 0;
   bool drawn_ = false;
 };
 

@@ -77,6 +77,9 @@ struct Counters {
   std::uint32_t splats;          // that are sorted and listed: all of them, or none
   std::uint32_t listed;          // instances that are sorted and drawn: all of them, or none
   unsigned long long instances;  // of the splats in all, also where they did not fit
+  // Only where the blend counts.
+  unsigned long long evaluations;    // of a splat at a pixel
+  unsigned long long contributions;  // of these: to the pixel's colour
 };
 
 // The buffers of a frame with up to C chunks of primitives, S splats and I instances.
@@ -132,7 +135,9 @@ void launch_list(const FrameInput* input, const Workspace& w, const Grids& grids
 // The instances by tile, each tile's in the order of depth, in tile_splats[tile_passes % 2];
 // tile_ranges.
 void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// The pictures of all views, tile after tile. spec/representation.md, 5.
-void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, cudaStream_t stream);
+// The pictures of all views, tile after tile. spec/representation.md, 5. `count`: what it does too,
+// which takes longer.
+void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, bool count,
+                  cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

@@ -28,6 +28,7 @@ class FrameBuffers {
   std::uint64_t instance_capacity() const { return capacity_.instances; }
   // The buffers as a frame of so many tiles uses them.
   Workspace workspace(std::uint32_t tiles) const;
+  std::size_t cleared_bytes() const { return cleared_bytes_; }
   // Starts clearing what must be clear before a frame.
   cudaError_t clear(cudaStream_t stream) const;
 

@@ -51,7 +51,9 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
   place_pictures(views);
   STGS_TRY(make_room(made));
   fill_input(views, parts);
-  if (!as_graph) return enqueue(grids, buffers, cudaEventRecordDefault, stream);
+  if (!as_graph) {
+    return enqueue(grids, buffers, Telling::kStages, cudaEventRecordDefault, stream);
+  }
   if (captured_ != now_) STGS_TRY(capture(grids, buffers, stream));
   return cuda_status(cudaGraphLaunch(graph_.get(), stream), "starting a frame");
 }
@@ -117,7 +119,8 @@ Status FrameGraph::capture(const Grids& grids, const FrameBuffers& buffers, cuda
   captured_ = {};
   STGS_TRY(cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal),
                        "beginning a graph"));
-  const Status enqueued = enqueue(grids, buffers, cudaEventRecordExternal, stream);
+  const Status enqueued =
+      enqueue(grids, buffers, Telling::kStages, cudaEventRecordExternal, stream);
   Graph graph;
   const cudaError_t ended = cudaStreamEndCapture(stream, graph.fresh());
   STGS_TRY(enqueued);
@@ -127,12 +130,16 @@ Status FrameGraph::capture(const Grids& grids, const FrameBuffers& buffers, cuda
   return {};
 }
 
-Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, unsigned event_flags,
-                           cudaStream_t stream) {
+Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Telling telling,
+                           unsigned event_flags, cudaStream_t stream) {
   const auto* const input = reinterpret_cast<const FrameInput*>(input_.data());
   const Workspace w = buffers.workspace(now_.tiles);
-  const auto told = [&](Stage stage) {
-    return cuda_status(cudaEventRecordWithFlags(events_[stage].get(), stream, event_flags),
+  const bool all = telling == Telling::kSteps;
+  const auto told = [&](Step step) {
+    const bool ends_stage =
+        step == kBegin || step == kProject || step == kTileSort || step == kBlend;
+    if (!all && !ends_stage) return Status();
+    return cuda_status(cudaEventRecordWithFlags(events_[step].get(), stream, event_flags),
                        "recording an event");
   };
   STGS_TRY(told(kBegin));
@@ -140,30 +147,42 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, unsi
                                        cudaMemcpyHostToDevice, stream),
                        "sending a frame's input"));
   STGS_TRY(cuda_status(buffers.clear(stream), "clearing counters"));
+  STGS_TRY(told(kClear));
   launch_select(input, w, grids, stream);
+  STGS_TRY(told(kSelect));
   launch_project(now_.sh_degree, now_.several, input, w, grids, stream);
-  STGS_TRY(told(kSliced));
+  STGS_TRY(told(kProject));
   launch_depth_sort(w, grids, stream);
+  STGS_TRY(told(kDepthSort));
   launch_list(input, w, grids, stream);
+  STGS_TRY(told(kList));
   launch_tile_sort(w, grids, stream);
-  STGS_TRY(told(kBinned));
-  launch_blend(input, now_.tiles, w, stream);
-  STGS_TRY(told(kBlended));
-  STGS_TRY(cuda_status(cudaGetLastError(), "starting the stages of a frame"));
+  STGS_TRY(told(kTileSort));
+  launch_blend(input, now_.tiles, w, all, stream);
+  STGS_TRY(told(kBlend));
+  STGS_TRY(cuda_status(cudaGetLastError(), "starting the steps of a frame"));
   return cuda_status(cudaMemcpyAsync(counted_.data(), w.counters, sizeof(Counters),
                                      cudaMemcpyDeviceToHost, stream),
                      "asking for counts");
 }
 
+Status FrameGraph::time_between(Step from, Step to, double& ms) const {
+  float between = 0;
+  STGS_TRY(cuda_status(cudaEventElapsedTime(&between, events_[from].get(), events_[to].get()),
+                       "reading the time of a step"));
+  ms = between;
+  return {};
+}
+
 Status FrameGraph::add_times(RenderStats& stats) const {
-  double* const sums[] = {&stats.slice_ms, &stats.bin_ms, &stats.blend_ms};
-  for (int stage = kBegin; stage < kBlended; ++stage) {
-    float ms = 0;
-    STGS_TRY(cuda_status(cudaEventElapsedTime(&ms, events_[stage].get(), events_[stage + 1].get()),
-                         "reading the time of a stage"));
-    *sums[stage] += ms;
-    stats.device_ms += ms;
-  }
+  double slice = 0, bin = 0, blend = 0;
+  STGS_TRY(time_between(kBegin, kProject, slice));
+  STGS_TRY(time_between(kProject, kTileSort, bin));
+  STGS_TRY(time_between(kTileSort, kBlend, blend));
+  stats.slice_ms += slice;
+  stats.bin_ms += bin;
+  stats.blend_ms += blend;
+  stats.device_ms += slice + bin + blend;
   return {};
 }
 

@@ -25,6 +25,9 @@ class FrameGraph {
   Status add_times(RenderStats& stats) const;
   // Copies the pictures to the host, likewise.
   Status read(std::vector<Frame>& frames) const;
+  // What the steps take, likewise; draws the frame once more for it, and waits.
+  Result<RenderProfile> profile(const Grids& grids, const FrameBuffers& buffers,
+                                cudaStream_t stream);
 
  private:
   // What the graph was made for.
@@ -41,22 +44,25 @@ class FrameGraph {
     std::size_t offset = 0;
     int width = 0, height = 0;
   };
-  enum Stage { kBegin, kSliced, kBinned, kBlended, kStages };
+  // After which time is told.
+  enum Step { kBegin, kClear, kSelect, kProject, kDepthSort, kList, kTileSort, kBlend, kSteps };
+  enum class Telling { kStages, kSteps };  // kSteps: and counts
 
   void place_pictures(std::span<const View> views);
   Status make_room(const Made& made);
   void fill_input(std::span<const View> views, std::span<const Part> parts);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
-  // Starts all stages, each between events.
-  Status enqueue(const Grids& grids, const FrameBuffers& buffers, unsigned event_flags,
-                 cudaStream_t stream);
+  // Starts all steps, with events between.
+  Status enqueue(const Grids& grids, const FrameBuffers& buffers, Telling telling,
+                 unsigned event_flags, cudaStream_t stream);
+  Status time_between(Step from, Step to, double& ms) const;
 
   Made now_, captured_;
   std::vector<Place> places_;
   std::size_t picture_bytes_ = 0;
   PinnedBuffer staged_, counted_;
   DeviceBuffer input_, pictures_;
-  Event events_[kStages];
+  Event events_[kSteps];
   GraphExec graph_;
 };
 

@@ -31,6 +31,20 @@ struct RenderStats {
   double device_ms = 0;  // of a device, from the first to the last of it; 0 where there is none
 };
 
+// A step of drawing on a device.
+struct RenderStep {
+  std::string name;
+  double ms = 0;
+  // What it cannot do without: bytes of device memory, each buffer's read or written once, and
+  // instructions a pixel (0 where they are not counted).
+  double bytes = 0, operations = 0;
+};
+struct RenderProfile {
+  // Of the device, at most.
+  double bytes_per_second = 0, operations_per_second = 0;
+  std::vector<RenderStep> steps;  // in their order
+};
+
 struct View {
   math::PinholeCamera camera;
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
@@ -55,6 +69,11 @@ class Renderer {
     return read(frames);
   }
   virtual std::string name() const = 0;
+  // Draws what the last draw() drew, which succeeded, once more, step by step. kUnsupported where
+  // the backend cannot tell.
+  virtual Result<RenderProfile> profile() {
+    return unsupported("backend '{}' does not tell what its steps take", name());
+  }
 };
 
 // "cpu", "cuda" or "vulkan"; "auto" is cuda where there is a device for it, else cpu. "cuda" and
