@@ -434,6 +434,30 @@ TEST_CASE("a large picture of many primitives looks like the CPU's", "[large]") 
   check_alike(*timeline, 1.4, {view_of(3840, 2160)}, *device);
 }
 
+TEST_CASE("what the steps of a frame take is told where the backend counts it") {
+  const auto device = device_renderer();
+  CHECK(!device->profile().ok());
+  const auto timeline = timeline_over(random_scene(5000, 2, kFrames, 16));
+  const std::vector<View> views = {view_of(150, 90), view_of(64, 64)};
+  const std::vector<Frame> before = draw(*device, *timeline, 1.2, views);
+  const Result<RenderProfile> profile = device->profile();
+  if (profile.status().code() == StatusCode::kUnsupported) return;
+  check(profile.status());
+  CHECK(profile->bytes_per_second > 1e9);
+  CHECK(profile->operations_per_second > 1e9);
+  REQUIRE(!profile->steps.empty());
+  for (const RenderStep& step : profile->steps) {
+    INFO(step.name << " " << step.ms << " ms, " << step.bytes << " bytes");
+    CHECK(step.ms > 0);
+    CHECK(step.bytes > 0);
+  }
+  // Each pixel of a covered picture is evaluated; a contribution is an evaluation too.
+  CHECK(profile->steps.back().operations > 150 * 90);
+  std::vector<Frame> after;
+  check(device->read(after));
+  for (std::size_t i = 0; i < views.size(); ++i) CHECK(same(before[i], after[i]));
+}
+
 TEST_CASE("what cannot be drawn is refused, and the renderer goes on") {
   const auto device = device_renderer();
   const auto timeline = timeline_over(random_scene(100, 0, kFrames, 2));
