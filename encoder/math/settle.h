@@ -11,17 +11,19 @@ STGS_MATH_BEGIN
 // What lives long stands still unless its motion earns its keep: Adam's steps are a random walk
 // where nothing moves, and what covers a whole clip would drift with it.
 struct SettleRules {
-  float still;   // modulation f (paper eq. 1) beyond which v shrinks
+  float still;   // half width of the support, ticks, beyond which v shrinks
   float shrink;  // |v| that a step takes off there, down to 0; scene units a frame
 };
 
-// v after a step of Adam that left a lifespan of modulation f, `ratio` times what f was before; 1
-// where v is not modulated. The motion u = v / f stays as it was, else each change of sigma or r
-// would change it too, which keeps lifespans from being learnt; then v shrinks, a proximal step of
-// an L1 penalty on |v|.
-STGS_FN Vec3 settled_velocity(Vec3 v, float ratio, float f, SettleRules rules) {
+// v after a step of Adam that left the lifespan sigma, r, whose modulation f is `ratio` times what
+// it was before; 1 where v is not modulated. The motion u = v / f stays as it was, else each change
+// of sigma or r would change it too, which keeps lifespans from being learnt; then v shrinks, a
+// proximal step of an L1 penalty on |v|. How long is told by what is seen of full opacity, not by
+// sigma + r: a flat top ends with r, where a sigma as long is seen for more than twice as long.
+STGS_FN Vec3 settled_velocity(Vec3 v, float ratio, float sigma, float radius, SettleRules rules) {
   Vec3 kept = vec3_scale(v, ratio);
-  if (f <= rules.still || rules.shrink <= 0.0f) return kept;
+  float seen = support_half_width(1.0f, sigma, radius, kAlphaThreshold);
+  if (seen <= rules.still || rules.shrink <= 0.0f) return kept;
   float length = sqrt(dot3(kept, kept));
   if (length <= rules.shrink) return vec3_of(0.0f, 0.0f, 0.0f);
   return vec3_scale(kept, 1.0f - rules.shrink / length);

@@ -180,17 +180,21 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
 }
 
 TEST_CASE("what lives long loses speed with each step, down to rest; what lives short keeps it") {
-  const math::SettleRules rules{100.0f, 0.5f};
+  const math::SettleRules rules{25.0f, 0.5f};
   const math::Vec3 v{0.0f, 1.5f, -2.0f};  // 2.5 long
-  const math::Vec3 brief = math::settled_velocity(v, 2.0f, 100.0f, rules);
+  const math::Vec3 brief = math::settled_velocity(v, 2.0f, 10.0f, 0.0f, rules);
   CHECK(brief.y == Approx(3.0f));
   CHECK(brief.z == Approx(-4.0f));
-  const math::Vec3 slower = math::settled_velocity(v, 1.0f, 101.0f, rules);
+  const math::Vec3 slower = math::settled_velocity(v, 1.0f, 11.0f, 0.0f, rules);
   CHECK(slower.x == 0.0f);
   CHECK(slower.y == Approx(1.2f));
   CHECK(slower.z == Approx(-1.6f));
-  const math::Vec3 still = math::settled_velocity({0.3f, 0.0f, 0.4f}, 1.0f, 101.0f, rules);
+  const math::Vec3 still = math::settled_velocity({0.3f, 0.0f, 0.4f}, 1.0f, 11.0f, 0.0f, rules);
   CHECK(math::dot3(still, still) == 0.0f);
+  // A flat top of 20 ticks with steep sides is gone where a sigma of 20 would still be seen.
+  const math::Vec3 flat = math::settled_velocity(v, 1.0f, 1.0f, 20.0f, rules);
+  CHECK(flat.y == Approx(1.5f));
+  CHECK(math::settled_velocity(v, 1.0f, 3.0f, 20.0f, rules).y == Approx(1.2f));
 }
 
 TEST_CASE("without the modulation v is the motion, and settles by the lifespan all the same") {
@@ -198,7 +202,7 @@ TEST_CASE("without the modulation v is the motion, and settles by the lifespan a
   state.log_sigma = {std::log(3.0f), std::log(40.0f)};
   state.set.radius = {0.0f, 0.0f};
   state.velocity = {0.3f, 0.0f, 0.4f, 0.3f, 0.0f, 0.4f};
-  const math::SettleRules rules{1000.0f, 0.25f};
+  const math::SettleRules rules{50.0f, 0.25f};
   for (std::size_t i = 0; i < 2; ++i) {
     state.settle(i, 7.0f, false, rules);
     state.derive(i, false);
@@ -540,13 +544,13 @@ TEST_CASE("rates of 0 and stages of no length leave every setting a number") {
 TEST_CASE("what moves is not brought to rest for filling a clip that is short") {
   const HyperParameters parameters;
   PreparedCapture capture;
-  for (const auto& [frames, still] : {std::pair(4u, 6.0f), {40u, 8.0f}, {60u, 12.0f}}) {
+  for (const auto& [frames, seen] : {std::pair(4, 28.0), {40, 37.6}, {60, 56.4}}) {
     capture.frames = frames;
     StepInput input;
     set_schedule(parameters, capture, 0.5, false, input);
-    CHECK(input.settle.still == math::lifespan_modulation(still, 0.0f));
-    CHECK(input.settle.still >
-          math::lifespan_modulation(static_cast<float>(parameters.sigma_dynamic), 0.0f));
+    CHECK(input.settle.still == Approx(seen / 2));
+    const auto first = static_cast<float>(parameters.sigma_dynamic);
+    CHECK(input.settle.still > math::support_half_width(1.0f, first, 0.0f, math::kAlphaThreshold));
   }
 }
 

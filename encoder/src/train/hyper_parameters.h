@@ -31,8 +31,8 @@ struct HyperParameters {
   double lr_velocity = 6.4e-3;
   double lr_velocity_final = 6.4e-5;
   double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity
-  double still_from = 0.2;     // long: sigma + r above this share of the clip,
-  double still_least = 6;      // and above as many frames
+  double still_from = 0.94;    // long: seen, at full opacity, for over this share of the clip,
+  double still_least = 28;     // and for over as many frames
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
   double lr_opacity = 5e-2;
@@ -40,7 +40,7 @@ struct HyperParameters {
   double lr_sh_rest = 1.25e-4;
   double lr_time = 1e-2;
   double lr_sigma = 5e-3;   // of log sigma
-  double lr_radius = 3e-3;  // frames
+  double lr_radius = 5e-3;  // frames
   double lr_colour = 1e-3;  // per-camera affine colour
   // A step over R views, one a process: the rates but lr_colour times R^batch_rate, Adam's decay
   // factors to the power R^batch_memory.

@@ -33,7 +33,7 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.rates[kRadius] = static_cast<float>(p.lr_radius);
   // What moves begins with a lifespan of a few frames, which is long in a short clip.
   const double still = std::max(p.still_from * capture.frames, p.still_least);
-  input.settle = {math::lifespan_modulation(static_cast<float>(still), 0.0f),
+  input.settle = {static_cast<float>(still / 2),
                   static_cast<float>(p.velocity_shrink) * input.rates[kVelocity]};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
   input.rate_colour = static_cast<float>(p.lr_colour);

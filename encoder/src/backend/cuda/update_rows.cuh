@@ -138,8 +138,10 @@ __device__ inline void derive(const Primitives& p, std::uint32_t i, const Update
   const float sigma = expf(stage[kByLogSigma]);
   p.sigma[i] = sigma;
   math::Vec3 v = read3(stage + kByVelocity, 0);
-  const float lived = math::lifespan_modulation(sigma, stage[kByRadius]);
-  v = math::settled_velocity(v, settings.modulated ? lived / before : 1.0f, lived, settings.settle);
+  const float radius = stage[kByRadius];
+  const float lived = math::lifespan_modulation(sigma, radius);
+  v = math::settled_velocity(v, settings.modulated ? lived / before : 1.0f, sigma, radius,
+                             settings.settle);
   write3(p.values[kVelocity] + 3 * i, v);
   const float f = settings.modulated ? lived : 1.0f;
   write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});
