@@ -6,7 +6,7 @@ import shlex
 import unittest
 
 import harness
-from harness import CliTest, draws_with
+from harness import CliTest, built_in, draws_with
 
 USAGE = 1
 
@@ -87,6 +87,10 @@ class Usage(CliTest):
         self.assertEqual(result.stdout, b"")
         self.assertIn(b"evaluate", result.stderr)
 
+    @unittest.skipIf(built_in("play"), "play is built in")
+    def test_a_window_that_is_not_built_says_so(self):
+        self.fails(6, "'play' is not part of this build", "play", self.fixture("tiny.stgs"))
+
     @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
     def test_what_is_not_built_in_says_so(self):
         self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",
@@ -125,9 +129,9 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": drawing | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render", "pack", "convert"},
+            "--log-level": training | {"prepare", "render", "pack", "convert", "play"},
             "--backend": drawing | training,
-            "--threads": drawing | training | {"prepare", "pack", "validate", "convert"},
+            "--threads": drawing | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
         }
         for verb in self.verbs():
@@ -147,6 +151,7 @@ class Help(CliTest):
                       "--output",
             "evaluate": "--against --cameras --every",
             "info": "--lifespans",
+            "play": "--start-camera --size --time --rate --loop --screenshot",
             "compare": "--min-psnr",
             "convert": "--time --quality --fps --frames --tolerance",
         }

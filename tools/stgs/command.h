@@ -49,6 +49,7 @@ std::unique_ptr<Command> make_evaluate();
 std::unique_ptr<Command> make_finalize();
 std::unique_ptr<Command> make_info();
 std::unique_ptr<Command> make_pack();
+std::unique_ptr<Command> make_play();
 std::unique_ptr<Command> make_prepare();
 std::unique_ptr<Command> make_render();
 std::unique_ptr<Command> make_train();

@@ -178,6 +178,9 @@ std::string version_text() {
   parts += " sog";
 #endif
   if (check_profile(Profile::kDraco).ok()) parts += " draco";
+#ifdef STGS_HAS_PLAY
+  parts += " play";
+#endif
 #ifdef STGS_HAS_CUDNN
   parts += " cudnn";
 #endif

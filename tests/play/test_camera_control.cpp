@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer's camera: it stays a camera, upright, and turns around what it looks at.
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "play/camera_control.h"
+
+using namespace stgs;
+using namespace stgs::tools;
+
+namespace {
+
+SceneMetadata scene_with(math::Vec3 up) {
+  SceneMetadata scene;
+  for (int k = 0; k < 3; ++k) {
+    scene.bounds_min[k] = -1;
+    scene.bounds_max[k] = 1;
+  }
+  scene.up[0] = up.x;
+  scene.up[1] = up.y;
+  scene.up[2] = up.z;
+  return scene;
+}
+
+// Five units before the middle of the scene.
+encoder::Camera before() {
+  encoder::Camera camera;
+  camera.width = 320;
+  camera.height = 240;
+  camera.fx = 300;
+  camera.fy = 310;
+  camera.cx = 170;
+  camera.cy = 115;
+  camera.translation[2] = 5;
+  return camera;
+}
+
+constexpr Size kSize{320, 240};
+
+math::Vec3 seen(const CameraControl& control, math::Vec3 point) {
+  return math::to_camera(control.camera(kSize).pinhole(0), point);
+}
+
+math::Vec3 place(const CameraControl& control) {
+  return math::camera_centre(control.camera(kSize).pinhole(0));
+}
+
+void check_near(math::Vec3 a, math::Vec3 b) {
+  CHECK(a.x == Approx(b.x).margin(1e-4));
+  CHECK(a.y == Approx(b.y).margin(1e-4));
+  CHECK(a.z == Approx(b.z).margin(1e-4));
+}
+
+// Rows of length 1, at right angles, right-handed.
+void check_rotation(const CameraControl& control) {
+  const encoder::Camera camera = control.camera(kSize);
+  const double* r = camera.rotation;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      const double dot =
+          r[3 * i] * r[3 * j] + r[3 * i + 1] * r[3 * j + 1] + r[3 * i + 2] * r[3 * j + 2];
+      CHECK(dot == Approx(i == j ? 1.0 : 0.0).margin(1e-5));
+    }
+  }
+  CHECK(r[0] * r[4] - r[1] * r[3] == Approx(r[8]).margin(1e-5));
+}
+
+}  // namespace
+
+TEST_CASE("what a viewer has not moved is the start camera, and reset goes back to it") {
+  CameraControl control(before(), scene_with({0, -1, 0}));
+  const auto same = [&] {
+    const encoder::Camera now = control.camera(kSize), start = before();
+    CHECK(now.fx == start.fx);
+    CHECK(now.fy == start.fy);
+    CHECK(now.cx == start.cx);
+    CHECK(now.cy == start.cy);
+    for (int k = 0; k < 9; ++k) CHECK(now.rotation[k] == start.rotation[k]);
+    for (int k = 0; k < 3; ++k) CHECK(now.translation[k] == start.translation[k]);
+  };
+  same();
+  control.orbit(1, 0.5);
+  control.look(0.3, 0.2);
+  control.move(1, 2, 3);
+  control.approach(0.5);
+  control.reset();
+  same();
+  CHECK(control.distance() == Approx(5));
+}
+
+TEST_CASE("turning around the scene keeps it in the middle and at its distance") {
+  CameraControl control(before(), scene_with({0, -1, 0}));
+  control.orbit(0.5, 0);
+  CHECK(place(control).x == Approx(5 * std::sin(0.5)));  // to the right
+  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  control.orbit(0, 0.4);
+  CHECK(place(control).y == Approx(-5 * std::sin(0.4)));  // up is -y
+  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  for (int k = 0; k < 5000; ++k) control.orbit(0.03, 0.01 * std::sin(k));
+  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  check_rotation(control);
+}
+
+TEST_CASE("no turn goes over the top, whatever is up") {
+  for (const math::Vec3 up : {math::Vec3{0, -1, 0}, math::Vec3{0, -0.8f, -0.6f}}) {
+    CameraControl control(before(), scene_with(up));
+    for (int k = 0; k < 100; ++k) {
+      control.orbit(0.1, 0.2);
+      const encoder::Camera camera = control.camera(kSize);
+      // Down stays on the lower side.
+      CHECK(camera.rotation[3] * up.x + camera.rotation[4] * up.y + camera.rotation[5] * up.z < 0);
+    }
+    check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+    check_rotation(control);
+  }
+}
+
+TEST_CASE("looking around stays on the spot") {
+  CameraControl control(before(), scene_with({0, -1, 0}));
+  const math::Vec3 spot = place(control);
+  control.look(0.3, 0);
+  check_near(place(control), spot);
+  CHECK(seen(control, {0, 0, 0}).x < -1);  // what was ahead is on the left
+  control.look(-0.3, 0.3);
+  CHECK(seen(control, {0, 0, 0}).y > 1);  // and now below
+  CHECK(control.distance() == Approx(5));
+}
+
+TEST_CASE("moving goes along the camera's axes, and nearer never through") {
+  CameraControl control(before(), scene_with({0, -1, 0}));
+  control.look(3.14159265 / 2, 0);  // to +x
+  control.move(1, 2, 3);
+  check_near(place(control), {3, -2, -5 - 1});
+  control.reset();
+  control.approach(0.5);
+  check_near(place(control), {0, 0, -2.5f});
+  for (int k = 0; k < 200; ++k) control.approach(0.5);
+  CHECK(control.distance() > 0);
+  CHECK(seen(control, {0, 0, 0}).z > 0);
+}
+
+TEST_CASE("other sizes show all that the start camera sees, and stretch nothing") {
+  const CameraControl control(before(), scene_with({0, 0, 0}));
+  for (const Size size : {Size{640, 480}, Size{1000, 240}, Size{100, 900}}) {
+    const encoder::Camera camera = control.camera(size);
+    CHECK(camera.fx / camera.fy == Approx(300.0 / 310));
+    // The corners of the start camera's picture lie within.
+    const double scale = camera.fx / 300;
+    CHECK(camera.cx - 170 * scale >= -1e-9);
+    CHECK(camera.cy - 115 * scale >= -1e-9);
+    CHECK(camera.cx + 150 * scale <= size.width + 1e-9);
+    CHECK(camera.cy + 125 * scale <= size.height + 1e-9);
+  }
+}
+
+TEST_CASE("a scene without a start camera is seen as a whole") {
+  for (const math::Vec3 up :
+       {math::Vec3{0, 0, 0}, math::Vec3{0, 0, 1}, math::Vec3{0.6f, 0.8f, 0}}) {
+    const SceneMetadata scene = scene_with(up);
+    const CameraControl control(overview(scene), scene);
+    check_rotation(control);
+    const math::PinholeCamera camera = overview(scene).pinhole(0);
+    for (int corner = 0; corner < 8; ++corner) {
+      const math::Vec3 p = math::to_camera(
+          camera,
+          {corner & 1 ? 1.0f : -1.0f, corner & 2 ? 1.0f : -1.0f, corner & 4 ? 1.0f : -1.0f});
+      CHECK(std::abs(camera.fx * p.x / p.z) < camera.cx);
+      CHECK(std::abs(camera.fy * p.y / p.z) < camera.cy);
+    }
+  }
+}

@@ -1,0 +1,215 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""`stgs play` in windows of a display without a screen: what it shows is what `stgs render` draws,
+from files and from nginx, and it stays awake where the bytes do not come.
+
+usage: test_window.py STGS MAKE_PLAY_SCENE     exit code 77: there is no Xvfb
+"""
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path += [os.path.join(HERE, "..", "fetch"), HERE]
+import jsonschema  # noqa: E402
+from display import Display  # noqa: E402
+from nginx import Nginx  # noqa: E402
+
+WIDTH, HEIGHT = 640, 480
+SCENE_PART = "620:240:10:160"  # of the window, below the statistics and above the controls
+CONTROLS = "640:60:0:420"
+STGS = MAKE = DISPLAY = ""
+
+
+class WindowTest(unittest.TestCase):
+    def setUp(self):
+        self.work = tempfile.mkdtemp(prefix="stgs-play-")
+        self.addCleanup(shutil.rmtree, self.work, True)
+        subprocess.run([MAKE, self.path("scene.stgs")], check=True)
+
+    def path(self, name):
+        return os.path.join(self.work, name)
+
+    def run_stgs(self, *args, environment=None):
+        return subprocess.run([STGS, *map(str, args)], cwd=self.work, timeout=200, check=False,
+                              env=environment or DISPLAY.environment, capture_output=True, text=True)
+
+    def play(self, *args, place=None):
+        """What play tells, and nothing said by it or by Vulkan's validation layer."""
+        result = self.run_stgs("play", place or "scene.stgs", "--size", f"{WIDTH}x{HEIGHT}",
+                               "--format", "json", "--log-level", "debug", *args)
+        self.assertEqual((result.returncode, result.stderr), (0, ""))
+        report = json.loads(result.stdout)
+        with open(os.path.join(HERE, "..", "..", "tools", "schema", "play.json"),
+                  encoding="utf-8") as schema:
+            jsonschema.validate(report, json.load(schema))
+        self.assertEqual((report["width"], report["height"]), (WIDTH, HEIGHT))
+        return report
+
+    def render(self, report, name):
+        """What render draws of the moment and from the camera of a report."""
+        with open(self.path("camera.json"), "w", encoding="ascii") as file:
+            json.dump(report["camera"], file)
+        result = self.run_stgs("render", "scene.stgs", "--time", report["seconds"], "--camera",
+                               "camera.json", "--backend", "cpu", "-o", name)
+        self.assertEqual(result.returncode, 0, result.stderr)
+
+    def cut(self, name, part):
+        out = f"part-{name}"
+        subprocess.run(["ffmpeg", "-loglevel", "error", "-y", "-i", self.path(name), "-vf",
+                        f"format=rgb24,crop={part}", self.path(out)], check=True)
+        return out
+
+    def differs(self, a, b, least=50):
+        result = self.run_stgs("compare", a, b, "--min-psnr", least)
+        self.assertIn(result.returncode, (0, 7), result.stderr)
+        return result.returncode == 7
+
+    def shows_what_render_draws(self, report):
+        self.render(report, "expected.png")
+        same = [self.cut(name, SCENE_PART) for name in ("window.png", "expected.png")]
+        self.assertFalse(self.differs(*same))
+
+    def test_a_paused_scene_is_the_picture_of_its_moment(self):
+        report = self.play("--time", 1.3, "--paused", "--no-overlay", "--screenshot", "window.png")
+        self.assertEqual(report["seconds"], 1.3)
+        result = self.run_stgs("render", "scene.stgs", "--time", 1.3, "--size",
+                               f"{WIDTH}x{HEIGHT}", "--backend", "cpu", "-o", "expected.png")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertFalse(self.differs("window.png", "expected.png"))
+
+    def test_controls_lie_over_a_scene_that_plays(self):
+        report = self.play("--loop", "--after", 40, "--screenshot", "window.png")
+        self.assertGreaterEqual(report["pictures"], 40)
+        self.assertGreater(report["seconds"], 0)
+        self.shows_what_render_draws(report)
+        controls = [self.cut(name, CONTROLS) for name in ("window.png", "expected.png")]
+        self.assertTrue(self.differs(*controls, least=30))
+
+    def test_a_scene_plays_backwards_from_another_camera(self):
+        camera = {"width": WIDTH, "height": HEIGHT, "fx": 500, "fy": 510, "cx": 320, "cy": 240,
+                  "rotation": [0.8, 0, -0.6, 0, 1, 0, 0.6, 0, 0.8], "translation": [3, 0.1, 0.5]}
+        with open(self.path("start.json"), "w", encoding="ascii") as file:
+            json.dump(camera, file)
+        report = self.play("--start-camera", "start.json", "--time", 2.5, "--rate", -1, "--after",
+                           20, "--screenshot", "window.png")
+        self.assertLess(report["seconds"], 2.5)
+        for key in ("fx", "fy", "cx", "cy", "rotation"):
+            self.assertEqual(report["camera"][key], camera[key])
+        self.shows_what_render_draws(report)
+
+    def test_a_scene_behind_a_server_plays(self):
+        with Nginx(self.work) as server:
+            report = self.play("--loop", "--after", 30, "--screenshot", "window.png",
+                               place=server.url)
+        self.assertGreater(report["seconds"], 0)
+        self.shows_what_render_draws(report)
+
+    def start(self, *args):
+        process = subprocess.Popen([STGS, "play", *args, "--format", "json"], cwd=self.work,
+                                   env=DISPLAY.environment, stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, text=True)
+        self.addCleanup(process.communicate)
+        self.addCleanup(process.kill)
+        return process
+
+    def xdotool(self, *args):
+        return subprocess.run(["xdotool", *map(str, args)], env=DISPLAY.environment, check=False,
+                              capture_output=True, text=True)
+
+    def window_of(self, name):
+        """Its number, once it is there, with the mouse in it: without a window manager the keys go
+        where the mouse is."""
+        for _ in range(200):
+            found = self.xdotool("search", "--name", name).stdout.split()
+            if found:
+                self.xdotool("mousemove", "--window", found[0], 300, 200)
+                return found[0]
+            time.sleep(0.05)
+        self.fail(f"no window '{name}'")
+
+    def test_keys_and_the_mouse_do_what_the_help_says(self):
+        process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused")
+        self.window_of("random scene")
+        for _ in range(3):
+            self.xdotool("key", "Right")
+        self.xdotool("mousedown", 1)
+        for _ in range(5):
+            self.xdotool("mousemove_relative", 20, 4)
+            time.sleep(0.1)
+        self.xdotool("mouseup", 1, "key", "F1", "key", "p")
+        for _ in range(200):
+            if os.path.exists(self.path("stgs-001.png")):
+                break
+            time.sleep(0.05)
+        self.xdotool("key", "Escape")
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        report = json.loads(out)
+        self.assertAlmostEqual(report["seconds"], 3 / 30)
+        self.assertGreater(abs(report["camera"]["rotation"][2]), 0.1)
+        self.render(report, "expected.png")
+        self.assertFalse(self.differs("stgs-001.png", "expected.png"))
+
+    def test_a_window_whose_server_never_answers_is_awake(self):
+        with socket.socket() as server:
+            server.bind(("127.0.0.1", 0))
+            server.listen()
+            process = self.start(f"http://127.0.0.1:{server.getsockname()[1]}/scene.stgs")
+            self.window_of("stgs play")
+            time.sleep(0.5)
+            begin = time.monotonic()
+            self.xdotool("key", "Escape")
+            _, error = process.communicate(timeout=60)
+            self.assertEqual(process.returncode, 0, error)
+            self.assertLess(time.monotonic() - begin, 5)
+
+    def test_an_interrupt_ends_it(self):
+        process = self.start("scene.stgs", "--loop")
+        self.window_of("random scene")
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 4, error)
+        self.assertIn("interrupted", error)
+
+    def fails(self, code, word, *args, **changes):
+        environment = dict(DISPLAY.environment, **changes)
+        result = self.run_stgs("play", *args, environment=environment)
+        self.assertEqual(result.returncode, code, result.stderr)
+        self.assertRegex(result.stderr, f"^stgs: error: .*{word}")
+
+    def test_errors_have_their_exit_codes(self):
+        self.fails(5, "window", "scene.stgs", DISPLAY="")
+        self.fails(5, "Vulkan", "scene.stgs", VK_ICD_FILENAMES="/nonexistent.json")
+        self.fails(2, "missing.stgs", "missing.stgs")
+        self.fails(2, "start.json", "scene.stgs", "--start-camera", "start.json")
+        with open(self.path("broken.stgs"), "wb") as file:
+            file.write(b"no scene at all" * 100)
+        self.fails(3, "broken.stgs", "broken.stgs")
+        self.fails(1, "out of range", "scene.stgs", "--time", "4")
+        self.fails(1, "--rate 0", "scene.stgs", "--rate", "0")
+        self.fails(1, ".png", "scene.stgs", "--screenshot", "window.jpg")
+        self.fails(2, "nowhere", "scene.stgs", "--screenshot", "nowhere/window.png")
+
+
+def main():
+    global STGS, MAKE, DISPLAY
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    if shutil.which("Xvfb") is None:
+        print("skipped: there is no Xvfb")
+        sys.exit(77)
+    STGS, MAKE = map(os.path.abspath, sys.argv[1:3])
+    with Display() as DISPLAY:
+        unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "play/overlay.h"
+
+#include <imgui.h>
+
+#include <algorithm>
+
+#include "session.h"
+
+namespace stgs::tools {
+namespace {
+
+using player::PlayerState;
+
+constexpr float kMargin = 8;
+constexpr ImGuiWindowFlags kBare = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
+                                   ImGuiWindowFlags_NoSavedSettings |
+                                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+constexpr ImU32 kTrack = IM_COL32(70, 70, 70, 255), kBuffered = IM_COL32(130, 150, 170, 255),
+                kPlayed = IM_COL32(90, 170, 255, 255), kHandle = IM_COL32(255, 255, 255, 255);
+
+void text(const std::string& line) {
+  ImGui::TextUnformatted(line.data(), line.data() + line.size());
+}
+
+const char* name_of(PlayerState state) {
+  constexpr const char* kNames[] = {"paused", "playing", "buffering", "ended"};
+  return kNames[static_cast<int>(state)];
+}
+
+std::string megabits(double bits_per_second) {
+  return bits_per_second > 0 ? fmt::format("{:.3g} Mbit/s", 1e-6 * bits_per_second) : "-";
+}
+
+void draw_statistics(Playback& playback, const OverlayFacts& facts) {
+  player::Player& player = playback.player();
+  const player::StreamStatistics stream = player.statistics();
+  const player::RenderStats& s = facts.stats;
+  ImGui::SetNextWindowPos({kMargin, kMargin});
+  ImGui::SetNextWindowBgAlpha(0.6f);
+  ImGui::Begin("statistics", nullptr,
+               kBare | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+  text(fmt::format("{:.1f} FPS  {:.1f} ms   {}x{}", facts.fps, facts.frame_ms, facts.size.width,
+                   facts.size.height));
+  text(facts.device);
+  text(fmt::format("fetch {:.2f}  slice {:.2f}  bin {:.2f}  blend {:.2f} ms", s.fetch_ms,
+                   s.slice_ms, s.bin_ms, s.blend_ms));
+  text(fmt::format("alive {}  in view {}  stored {}", s.alive, s.drawn, stream.stored_primitives));
+  text(fmt::format("link {}  clip {}  fetched {}", megabits(8 * stream.bytes_per_second),
+                   megabits(playback.bits_per_second()), human_bytes(stream.fetched_bytes)));
+  text(fmt::format("buffer {:.1f} s  layers {} of {}", playback.buffered_ahead(), player.layers(),
+                   player.layers_of_file()));
+  text(fmt::format("memory {} of {}", human_bytes(stream.memory_bytes),
+                   human_bytes(player.timeline().memory_budget())));
+  for (const std::string& notice : facts.notices) text(notice);
+  ImGui::End();
+}
+
+// A bar over the whole width; dragging in it seeks.
+void draw_timeline(Playback& playback) {
+  const double duration = std::max(playback.duration(), 1e-9);
+  const float height = ImGui::GetFrameHeight();
+  const ImVec2 corner = ImGui::GetCursorScreenPos();
+  const float width = std::max(ImGui::GetContentRegionAvail().x, 1.0f);
+  ImGui::InvisibleButton("timeline", {width, height});
+  if (ImGui::IsItemActive()) {
+    const float share = (ImGui::GetIO().MousePos.x - corner.x) / width;
+    playback.seek(duration * static_cast<double>(std::clamp(share, 0.0f, 1.0f)));
+  }
+  const auto x_of = [&](double seconds) {
+    return corner.x + width * static_cast<float>(std::clamp(seconds / duration, 0.0, 1.0));
+  };
+  const float middle = corner.y + 0.5f * height;
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  const auto bar = [&](double from, double to, float half, ImU32 colour) {
+    list.AddRectFilled({x_of(from), middle - half}, {x_of(to), middle + half}, colour);
+  };
+  bar(0, duration, 3, kTrack);
+  for (const player::TimeRange& range : playback.player().buffered()) {
+    bar(range.begin, range.end, 3, kBuffered);
+  }
+  const double now = playback.player().seconds();
+  bar(0, now, 1.5f, kPlayed);
+  list.AddCircleFilled({x_of(now), middle}, 0.3f * height, kHandle);
+}
+
+void draw_controls(Playback& playback, Size size) {
+  player::Player& player = playback.player();
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const float height =
+      2 * ImGui::GetFrameHeight() + style.ItemSpacing.y + 2 * style.WindowPadding.y;
+  ImGui::SetNextWindowPos({0, ImGui::GetIO().DisplaySize.y - height});
+  ImGui::SetNextWindowSize({ImGui::GetIO().DisplaySize.x, height});
+  ImGui::SetNextWindowBgAlpha(0.6f);
+  ImGui::Begin("controls", nullptr, kBare);
+  draw_timeline(playback);
+  if (ImGui::Button("<")) playback.step(-1);
+  ImGui::SameLine();
+  // Of one width, so that nothing moves under the mouse.
+  if (ImGui::Button(playback.is_playing() ? "pause" : "play", {6 * ImGui::GetFontSize(), 0})) {
+    playback.toggle_pause();
+  }
+  ImGui::SameLine();
+  if (ImGui::Button(">")) playback.step(1);
+  ImGui::SameLine();
+  if (ImGui::Button("-")) playback.change_rate(-1);
+  ImGui::SameLine();
+  text(fmt::format("{:>5.2f}x", playback.rate()));
+  ImGui::SameLine();
+  if (ImGui::Button("+")) playback.change_rate(1);
+  ImGui::SameLine();
+  bool loop = playback.loops();
+  if (ImGui::Checkbox("loop", &loop)) playback.toggle_loop();
+  ImGui::SameLine();
+  std::string where = fmt::format("{:.2f} / {:.2f} s  frame {}  {}", player.seconds(),
+                                  playback.duration(), playback.frame(), name_of(player.state()));
+  if (size.width > 900) where += "   drag: turn  wheel: nearer  WASD: fly  F1: hide";
+  text(where);
+  ImGui::End();
+}
+
+}  // namespace
+
+void draw_overlay(Playback& playback, const OverlayFacts& facts) {
+  draw_statistics(playback, facts);
+  draw_controls(playback, facts.size);
+}
+
+void draw_opening(const std::string& file) {
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  ImGui::SetNextWindowPos({0.5f * size.x, 0.5f * size.y}, ImGuiCond_Always, {0.5f, 0.5f});
+  ImGui::Begin("opening", nullptr,
+               kBare | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+  text("opening " + file);
+  ImGui::End();
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "play/playback.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace stgs::tools {
+namespace {
+
+using player::PlayerEvent;
+using player::PlayerState;
+
+constexpr double kNoticeSeconds = 6;
+constexpr std::size_t kMostNotices = 5;
+constexpr double kSameFrame = 1e-6;  // ticks
+
+}  // namespace
+
+Playback::Playback(Session& session, const PlaybackSettings& settings)
+    : session_(session), settings_(settings) {
+  player::PlayerSettings of_player;
+  of_player.memory_budget = settings.memory;
+  of_player.http.stop = stop_.get_token();
+  opening_ = std::async(std::launch::async, [file = settings.file, of_player] {
+    return player::Player::open(file, of_player);
+  });
+}
+
+Playback::~Playback() {
+  stop_.request_stop();
+  if (opening_.valid()) opening_.wait();
+}
+
+Result<bool> Playback::is_open() {
+  if (player_ != nullptr) return true;
+  if (opening_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+  STGS_ASSIGN(player_, opening_.get());
+  STGS_TRY(begin());
+  return true;
+}
+
+Status Playback::begin() {
+  if (settings_.seconds > duration()) {
+    return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", settings_.seconds,
+                       settings_.file, duration());
+  }
+  loop_ = settings_.loop;
+  player_->set_loop(loop_);
+  rate_ = settings_.rate;
+  STGS_TRY(player_->set_rate(rate_));
+  STGS_TRY(player_->seek(settings_.seconds));
+  if (!settings_.paused) player_->play();
+  return {};
+}
+
+double Playback::advance(double now) {
+  const double moment = player_->advance(now);
+  take_events(now);
+  return moment;
+}
+
+bool Playback::is_playing() const {
+  const PlayerState state = player_->state();
+  return state == PlayerState::kPlaying || state == PlayerState::kBuffering;
+}
+
+double Playback::duration() const {
+  return player_->timeline().duration_seconds();
+}
+
+std::uint32_t Playback::frame() const {
+  const SceneMetadata& scene = player_->timeline().metadata();
+  const double ticks = std::floor(scene.time_base.ticks(player_->seconds()) + kSameFrame);
+  return static_cast<std::uint32_t>(
+      std::clamp(ticks, 0.0, std::max(static_cast<double>(scene.frames) - 1, 0.0)));
+}
+
+double Playback::bits_per_second() const {
+  const double seconds = duration();
+  return seconds > 0 ? 8 * static_cast<double>(player_->timeline().reader().file_bytes()) / seconds
+                     : 0;
+}
+
+double Playback::buffered_ahead() const {
+  const double at = player_->seconds();
+  for (const player::TimeRange& range : player_->buffered()) {
+    if (range.begin <= at && at <= range.end) return rate_ < 0 ? at - range.begin : range.end - at;
+  }
+  return 0;
+}
+
+bool Playback::is_complete() const {
+  return player_->ready() && player_->layers() >= player_->layers_of_file();
+}
+
+void Playback::toggle_pause() {
+  if (is_playing()) {
+    player_->pause();
+  } else {
+    player_->play();
+  }
+}
+
+void Playback::step(int frames) {
+  const std::int64_t last = std::int64_t{player_->timeline().metadata().frames} - 1;
+  if (last < 0) return;
+  player_->pause();
+  std::int64_t to = std::int64_t{frame()} + frames;
+  if (to < 0) to = loop_ ? last : 0;
+  if (to > last) to = loop_ ? 0 : last;
+  (void)player_->seek_frame(static_cast<std::uint32_t>(to));  // it is a frame of the clip
+}
+
+void Playback::seek(double seconds) {
+  (void)player_->seek(std::clamp(seconds, 0.0, duration()));  // it is a number
+}
+
+void Playback::set_rate(double rate) {
+  if (player_->set_rate(rate).ok()) rate_ = rate;
+}
+
+void Playback::change_rate(int by) {
+  const auto* const end = std::end(kRates);
+  if (by > 0) {
+    const auto* const next = std::upper_bound(std::begin(kRates), end, rate_);
+    if (next != end) set_rate(*next);
+  } else {
+    const auto* const here = std::lower_bound(std::begin(kRates), end, rate_);
+    if (here != std::begin(kRates)) set_rate(*(here - 1));
+  }
+}
+
+void Playback::toggle_loop() {
+  loop_ = !loop_;
+  player_->set_loop(loop_);
+}
+
+void Playback::take_events(double now) {
+  for (const PlayerEvent& event : player_->take_events()) {
+    if (event.kind == PlayerEvent::Kind::kBuffering) ++stalls_;
+    if (event.message.empty()) continue;
+    const char* what = event.kind == PlayerEvent::Kind::kRetry  ? "trying again"
+                       : event.kind == PlayerEvent::Kind::kLost ? "missing for now"
+                                                                : "damaged, left out";
+    notices_.push_back({now, fmt::format("{}: {}", what, event.message)});
+    session_.log(1, fmt::format("at byte {}: {} ({})", event.offset, event.message, what));
+  }
+}
+
+std::vector<std::string> Playback::notices(double now) {
+  while (!notices_.empty() &&
+         (notices_.size() > kMostNotices || notices_.front().when + kNoticeSeconds < now)) {
+    notices_.pop_front();
+  }
+  std::vector<std::string> lines;
+  for (const Notice& notice : notices_) lines.push_back(notice.text);
+  return lines;
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "play/show.h"
+
+#include <GLFW/glfw3.h>
+#include <backends/imgui_impl_glfw.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <filesystem>
+#include <system_error>
+
+#include "picture.h"
+#include "play/camera_control.h"
+#include "play/overlay.h"
+#include "play/screen.h"
+#include "play/window.h"
+
+namespace stgs::tools {
+namespace {
+
+constexpr Size kFirstSize{1280, 720};     // where no other is asked for
+constexpr double kIdle = 0.02;            // seconds between looks at a window that shows nothing
+constexpr double kWholeTurn = 6.2831853;  // radians, of a drag over the whole window
+constexpr double kWheelStep = 0.9;        // of the distance
+constexpr double kFlight = 0.5;           // of the distance to what is looked at, a second
+constexpr double kFast = 4;               // times that, with the shift key
+constexpr double kJump = 1;               // seconds, of an arrow with the shift key
+constexpr double kRecent = 1;             // seconds that the rate of pictures is taken over
+
+// The rate of pictures of late.
+class PictureRate {
+ public:
+  void add(double now) {
+    times_.push_back(now);
+    while (times_.front() < now - kRecent) times_.pop_front();
+  }
+  double per_second() const {
+    const double span = times_.empty() ? 0 : times_.back() - times_.front();
+    return span > 0 ? static_cast<double>(times_.size() - 1) / span : 0;
+  }
+
+ private:
+  std::deque<double> times_;
+};
+
+// The first of stgs-001.png, stgs-002.png, ... that does not exist.
+std::string free_name() {
+  for (int i = 1;; ++i) {
+    std::string name = fmt::format("stgs-{:03}.png", i);
+    std::error_code error;
+    if (!std::filesystem::exists(name, error)) return name;
+  }
+}
+
+class Show {
+ public:
+  Show(Session& session, const ShowSettings& settings)
+      : session_(session), settings_(settings), playback_(session, settings.playback) {}
+  // A screenshot that is still being written.
+  ~Show() {
+    if (saving_.valid()) saving_.wait();
+  }
+
+  Status open() {
+    STGS_ASSIGN(window_, Window::make("stgs play " + settings_.playback.file, first_size()));
+    std::function<void(const std::string&)> on_message;
+    if (session_.options.log_level == "debug") {
+      on_message = [this](const std::string& text) { session_.log(1, text); };
+    }
+    STGS_ASSIGN(device_, WindowDevice::make(window_->handle(), on_message));
+    screen_ = std::make_unique<Screen>(*device_);
+    ImGui::GetIO().Fonts->Build();
+    STGS_TRY(screen_->create(window_->picture_size()));
+    STGS_ASSIGN(renderer_, player::make_vulkan_renderer(device_->device()));
+    overlay_ = settings_.overlay;
+    report_.device = device_->name();
+    return {};
+  }
+
+  Status run() {
+    const double begin = now_seconds();
+    while (!window_->closing() && !done_) {
+      if (interrupted()) return runtime_error("the window is closed");
+      window_->look(0);
+      STGS_TRY(picture());
+      STGS_TRY(look_at_saving(false));
+    }
+    STGS_TRY(renderer_->wait());
+    report_.wall = now_seconds() - begin;
+    if (is_open_) report_.stalls = playback_.stalls();
+    return look_at_saving(true);
+  }
+
+  const ShowReport& report() const { return report_; }
+
+ private:
+  Size first_size() const {
+    if (settings_.size) return *settings_.size;
+    if (!settings_.camera) return kFirstSize;
+    const encoder::Camera& camera = *settings_.camera;
+    const double scale = std::min({1.0, static_cast<double>(kFirstSize.width) / camera.width,
+                                   static_cast<double>(kFirstSize.height) / camera.height});
+    return {std::max(1, static_cast<int>(std::lround(scale * camera.width))),
+            std::max(1, static_cast<int>(std::lround(scale * camera.height)))};
+  }
+
+  // Once the file is open: where to look from, and how large the window is to be.
+  Status set_up() {
+    const SceneMetadata& scene = playback_.player().timeline().metadata();
+    if (!settings_.camera && scene.start_camera) {
+      STGS_ASSIGN(settings_.camera, camera_of(*scene.start_camera, settings_.playback.file));
+    }
+    if (!settings_.camera) settings_.camera = overview(scene);
+    camera_.emplace(*settings_.camera, scene);
+    const Size size = first_size();
+    if (!settings_.size) glfwSetWindowSize(window_->handle(), size.width, size.height);
+    if (!scene.title.empty()) glfwSetWindowTitle(window_->handle(), scene.title.c_str());
+    return {};
+  }
+
+  Status picture() {
+    if (!is_open_) {
+      STGS_ASSIGN(is_open_, playback_.is_open());
+      if (is_open_) STGS_TRY(set_up());
+    }
+    const double now = now_seconds();
+    const double passed = std::min(now - last_, 0.1);
+    last_ = now;
+    ImGui_ImplGlfw_NewFrame();
+    ImGui::NewFrame();
+    take_keys();
+    if (is_open_) {
+      report_.seconds = playback_.advance(now);
+      move_camera(passed);
+      if (overlay_) draw_overlay(playback_, facts(now));
+    } else {
+      draw_opening(settings_.playback.file);
+    }
+    ImGui::Render();
+    const Size size = window_->picture_size();
+    STGS_ASSIGN(const auto next, screen_->begin(size));
+    if (!next) {
+      window_->look(kIdle);
+      return {};
+    }
+    if (is_open_) STGS_TRY(draw_scene(*next));
+    return finish();
+  }
+
+  OverlayFacts facts(double now) {
+    rate_.add(now);
+    OverlayFacts facts;
+    facts.device = report_.device;
+    facts.size = report_.size;
+    facts.fps = rate_.per_second();
+    facts.frame_ms = facts.fps > 0 ? 1000 / facts.fps : 0;
+    facts.stats = frame_.stats;
+    facts.notices = playback_.notices(now);
+    return facts;
+  }
+
+  Status draw_scene(const Screen::Picture& next) {
+    report_.size = {static_cast<int>(next.image.width), static_cast<int>(next.image.height)};
+    report_.camera = camera_->camera(report_.size);
+    player::Timeline& timeline = playback_.player().timeline();
+    const SceneMetadata& scene = timeline.metadata();
+    player::View view;
+    view.camera = report_.camera.pinhole(scene.near_plane);
+    view.background = {scene.background[0], scene.background[1], scene.background[2]};
+    player::VulkanSubmission to;
+    to.targets = {{next.image, {}}};
+    to.wait = {{next.free, 0}};
+    complete_ = playback_.is_complete();
+    STGS_ASSIGN(number_, renderer_->submit(timeline, report_.seconds, {view}, to));
+    STGS_ASSIGN(frame_, renderer_->last_ended());
+    ++report_.pictures;
+    return {};
+  }
+
+  // Shows the picture, and keeps it where it is asked for.
+  Status finish() {
+    const bool at_end = !settings_.screenshot.empty() && complete_ &&
+                        report_.pictures >= static_cast<std::uint64_t>(settings_.after);
+    const bool keep = is_open_ && (at_end || (save_ && !saving_.valid()));
+    encoder::Image8 shown;
+    STGS_TRY(screen_->end(*ImGui::GetDrawData(), is_open_, keep ? &shown : nullptr));
+    if (!keep) return {};
+    STGS_ASSIGN(frame_, renderer_->last_ended());
+    // One that lacks splats is drawn again, with the room that it needed.
+    if (frame_.number != number_ || !frame_.whole) return {};
+    if (at_end) {
+      done_ = true;
+      return write_png(settings_.screenshot, shown);
+    }
+    save_ = false;
+    saving_ = std::async(std::launch::async, [shown = std::move(shown)]() -> Result<std::string> {
+      std::string name = free_name();
+      STGS_TRY(write_png(name, shown));
+      return name;
+    });
+    return {};
+  }
+
+  // Tells where a screenshot is, once it is.
+  Status look_at_saving(bool wait) {
+    if (!saving_.valid()) return {};
+    if (!wait && saving_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return {};
+    const Result<std::string> name = saving_.get();
+    if (name.ok()) {
+      session_.log(2, "screenshot: " + *name);
+    } else {
+      session_.log(1, "no screenshot: " + name.status().message());
+    }
+    return {};
+  }
+
+  void take_keys() {
+    for (const KeyPress& press : window_->take_keys()) {
+      switch (press.key) {
+        case GLFW_KEY_ESCAPE:
+          window_->close();
+          break;
+        case GLFW_KEY_F1:
+          overlay_ = !overlay_;
+          break;
+        case GLFW_KEY_F12:
+        case GLFW_KEY_P:
+          save_ = true;
+          break;
+        case GLFW_KEY_R:
+          if (camera_) camera_->reset();
+          break;
+        default:
+          if (is_open_) control(press);
+      }
+    }
+  }
+
+  void control(const KeyPress& press) {
+    const double now = playback_.player().seconds();
+    switch (press.key) {
+      case GLFW_KEY_SPACE:
+        return playback_.toggle_pause();
+      case GLFW_KEY_LEFT:
+        return press.shift ? playback_.seek(now - kJump) : playback_.step(-1);
+      case GLFW_KEY_RIGHT:
+        return press.shift ? playback_.seek(now + kJump) : playback_.step(1);
+      case GLFW_KEY_UP:
+        return playback_.change_rate(1);
+      case GLFW_KEY_DOWN:
+        return playback_.change_rate(-1);
+      case GLFW_KEY_HOME:
+        return playback_.seek(0);
+      case GLFW_KEY_END:
+        return playback_.seek(playback_.duration());
+      case GLFW_KEY_L:
+        return playback_.toggle_loop();
+      default:
+        return;
+    }
+  }
+
+  void move_camera(double passed) {
+    const ImGuiIO& io = ImGui::GetIO();
+    if (!io.WantCaptureMouse) {
+      const double radians = kWholeTurn / std::max(io.DisplaySize.y, 1.0f);
+      const double x = io.MouseDelta.x, y = io.MouseDelta.y;
+      if (io.MouseDown[ImGuiMouseButton_Left]) camera_->orbit(-radians * x, radians * y);
+      if (io.MouseDown[ImGuiMouseButton_Right]) camera_->look(radians * x, -radians * y);
+      if (io.MouseDown[ImGuiMouseButton_Middle]) {
+        const double units = camera_->distance() / std::max(io.DisplaySize.y, 1.0f);
+        camera_->move(-units * x, units * y, 0);
+      }
+      if (io.MouseWheel != 0) camera_->approach(std::pow(kWheelStep, io.MouseWheel));
+    }
+    const auto key = [&](int plus, int minus) {
+      return static_cast<double>(window_->is_down(plus)) -
+             static_cast<double>(window_->is_down(minus));
+    };
+    const bool fast =
+        window_->is_down(GLFW_KEY_LEFT_SHIFT) || window_->is_down(GLFW_KEY_RIGHT_SHIFT);
+    const double way = passed * kFlight * camera_->distance() * (fast ? kFast : 1);
+    const double right = key(GLFW_KEY_D, GLFW_KEY_A), up = key(GLFW_KEY_E, GLFW_KEY_Q),
+                 forward = key(GLFW_KEY_W, GLFW_KEY_S);
+    if (right != 0 || up != 0 || forward != 0) {
+      camera_->move(way * right, way * up, way * forward);
+    }
+  }
+
+  Session& session_;
+  ShowSettings settings_;
+  Playback playback_;
+  std::unique_ptr<Window> window_;
+  std::unique_ptr<WindowDevice> device_;
+  std::unique_ptr<Screen> screen_;
+  std::unique_ptr<player::VulkanRenderer> renderer_;
+  std::optional<CameraControl> camera_;
+  ShowReport report_;
+  PictureRate rate_;
+  player::VulkanFrame frame_;  // the last one that has ended
+  std::uint64_t number_ = 0;   // of the last one that was submitted
+  double last_ = now_seconds();
+  bool is_open_ = false, overlay_ = true, save_ = false, complete_ = false, done_ = false;
+  std::future<Result<std::string>> saving_;
+};
+
+}  // namespace
+
+Result<ShowReport> show(Session& session, const ShowSettings& settings) {
+  Show shown(session, settings);
+  STGS_TRY(shown.open());
+  STGS_TRY(shown.run());
+  return shown.report();
+}
+
+}  // namespace stgs::tools

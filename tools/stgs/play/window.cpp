@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "play/window.h"
+
+#include <GLFW/glfw3.h>
+#include <backends/imgui_impl_glfw.h>
+#include <imgui.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace stgs::tools {
+namespace {
+
+// GLFW tells errors by a callback that knows nothing else.
+std::string& last_error() {
+  static std::string text;
+  return text;
+}
+
+void on_error(int, const char* text) {
+  last_error() = text;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size) {
+  std::unique_ptr<Window> made(new Window);
+  last_error().clear();
+  glfwSetErrorCallback(on_error);
+  if (glfwInit() == GLFW_FALSE) {
+    return unsupported(
+        "no window can be shown here ({}); start it in a desktop session, or draw pictures with "
+        "'stgs render'",
+        last_error());
+  }
+  made->has_glfw_ = true;
+  glfwWindowHint(GLFW_CLIENT_API, GLFW_NO_API);
+  made->window_ = glfwCreateWindow(size.width, size.height, title.c_str(), nullptr, nullptr);
+  if (made->window_ == nullptr)
+    return unsupported("no window can be shown here ({})", last_error());
+  glfwSetWindowUserPointer(made->window_, made.get());
+  glfwSetKeyCallback(made->window_, [](GLFWwindow* window, int key, int, int action, int mods) {
+    if (action == GLFW_RELEASE) return;
+    static_cast<Window*>(glfwGetWindowUserPointer(window))
+        ->keys_.push_back({key, (mods & GLFW_MOD_SHIFT) != 0});
+  });
+  IMGUI_CHECKVERSION();
+  ImGui::CreateContext();
+  ImGui::StyleColorsDark();
+  ImGuiIO& io = ImGui::GetIO();
+  io.IniFilename = nullptr;  // leaves no file behind
+  io.BackendFlags |= ImGuiBackendFlags_RendererHasVtxOffset;
+  float scale = 1, unused = 1;
+  glfwGetWindowContentScale(made->window_, &scale, &unused);
+  ImFontConfig font;
+  font.SizePixels = 13.0f * std::max(scale, 1.0f);
+  io.Fonts->AddFontDefault(&font);
+  ImGui::GetStyle().ScaleAllSizes(std::max(scale, 1.0f));
+  ImGui_ImplGlfw_InitForVulkan(made->window_, true);  // keeps the callback from above
+  made->has_overlay_ = true;
+  return made;
+}
+
+Window::~Window() {
+  if (has_overlay_) {
+    ImGui_ImplGlfw_Shutdown();
+    ImGui::DestroyContext();
+  }
+  if (window_ != nullptr) glfwDestroyWindow(window_);
+  if (has_glfw_) glfwTerminate();
+}
+
+void Window::look(double seconds) {
+  if (seconds > 0) {
+    glfwWaitEventsTimeout(seconds);
+  } else {
+    glfwPollEvents();
+  }
+}
+
+bool Window::closing() const {
+  return glfwWindowShouldClose(window_) != GLFW_FALSE;
+}
+
+void Window::close() {
+  glfwSetWindowShouldClose(window_, GLFW_TRUE);
+}
+
+Size Window::picture_size() const {
+  Size size;
+  glfwGetFramebufferSize(window_, &size.width, &size.height);
+  return size;
+}
+
+std::vector<KeyPress> Window::take_keys() {
+  return std::exchange(keys_, {});
+}
+
+bool Window::is_down(int key) const {
+  return glfwGetKey(window_, key) == GLFW_PRESS;
+}
+
+}  // namespace stgs::tools

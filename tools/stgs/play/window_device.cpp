@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "play/window_device.h"
+
+#include <GLFW/glfw3.h>
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+namespace stgs::tools {
+namespace {
+
+constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
+
+VKAPI_ATTR VkBool32 VKAPI_CALL on_debug_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                                VkDebugUtilsMessageTypeFlagsEXT,
+                                                const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                                void* tell) {
+  (*static_cast<std::function<void(const std::string&)>*>(tell))(data->pMessage);
+  return VK_FALSE;
+}
+
+bool has_validation_layer() {
+  std::uint32_t count = 0;
+  if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
+  std::vector<VkLayerProperties> layers(count);
+  if (vkEnumerateInstanceLayerProperties(&count, layers.data()) != VK_SUCCESS) return false;
+  return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
+    return std::strcmp(layer.layerName, kLayer) == 0;
+  });
+}
+
+bool has_swapchains(VkPhysicalDevice device) {
+  std::uint32_t count = 0;
+  if (vkEnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr) != VK_SUCCESS) {
+    return false;
+  }
+  std::vector<VkExtensionProperties> all(count);
+  if (vkEnumerateDeviceExtensionProperties(device, nullptr, &count, all.data()) != VK_SUCCESS) {
+    return false;
+  }
+  return std::any_of(all.begin(), all.end(), [](const VkExtensionProperties& one) {
+    return std::strcmp(one.extensionName, VK_KHR_SWAPCHAIN_EXTENSION_NAME) == 0;
+  });
+}
+
+// A family that draws, computes and shows in the window, or -1.
+int family_of(VkPhysicalDevice device, VkSurfaceKHR surface) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  if (properties.apiVersion < VK_API_VERSION_1_1 || !has_swapchains(device)) return -1;
+  std::uint32_t count = 0;
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
+  std::vector<VkQueueFamilyProperties> families(count);
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
+  for (std::uint32_t i = 0; i < count; ++i) {
+    constexpr VkQueueFlags kBoth = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT;
+    if ((families[i].queueFlags & kBoth) != kBoth) continue;
+    VkBool32 shows = VK_FALSE;
+    if (vkGetPhysicalDeviceSurfaceSupportKHR(device, i, surface, &shows) == VK_SUCCESS &&
+        shows == VK_TRUE) {
+      return static_cast<int>(i);
+    }
+  }
+  return -1;
+}
+
+int rank_of(VkPhysicalDeviceType type) {
+  if (type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
+  return type == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<WindowDevice>> WindowDevice::make(
+    GLFWwindow* window, std::function<void(const std::string&)> on_message) {
+  std::unique_ptr<WindowDevice> made(new WindowDevice);
+  made->on_message_ = std::move(on_message);
+  STGS_TRY(made->make_instance());
+  STGS_TRY(
+      vk_status(glfwCreateWindowSurface(made->device_.instance, window, nullptr, &made->surface_),
+                "connecting to the window"));
+  STGS_TRY(made->choose());
+  STGS_TRY(made->open());
+  return made;
+}
+
+WindowDevice::~WindowDevice() {
+  if (device_.device != VK_NULL_HANDLE) {
+    vkDeviceWaitIdle(device_.device);
+    vkDestroyDevice(device_.device, nullptr);
+  }
+  if (device_.instance == VK_NULL_HANDLE) return;
+  vkDestroySurfaceKHR(device_.instance, surface_, nullptr);
+  if (messenger_ != VK_NULL_HANDLE) {
+    vkDestroyDebugUtilsMessengerEXT(device_.instance, messenger_, nullptr);
+  }
+  vkDestroyInstance(device_.instance, nullptr);
+}
+
+Status WindowDevice::make_instance() {
+  if (volkInitialize() != VK_SUCCESS || glfwVulkanSupported() == GLFW_FALSE) {
+    return unsupported(
+        "there is no Vulkan driver that shows windows here; install one (Debian: "
+        "mesa-vulkan-drivers), or draw pictures with 'stgs render'");
+  }
+  std::uint32_t count = 0;
+  const char** const needed = glfwGetRequiredInstanceExtensions(&count);
+  if (needed == nullptr) {
+    return unsupported("the Vulkan drivers of this machine cannot show windows on this display");
+  }
+  std::vector<const char*> extensions(needed, needed + count);
+  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
+  application.pApplicationName = "stgs play";
+  application.apiVersion = device_.api_version = VK_API_VERSION_1_1;
+  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+  info.pApplicationInfo = &application;
+  auto debug = structure<VkDebugUtilsMessengerCreateInfoEXT>(
+      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
+                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
+                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  debug.pfnUserCallback = on_debug_message;
+  debug.pUserData = &on_message_;
+  const VkValidationFeatureEnableEXT synchronisation =
+      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
+  features.pNext = &debug;
+  features.enabledValidationFeatureCount = 1;
+  features.pEnabledValidationFeatures = &synchronisation;
+  const bool validated = on_message_ != nullptr && has_validation_layer();
+  if (validated) {
+    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+    info.pNext = &features;
+    info.enabledLayerCount = 1;
+    info.ppEnabledLayerNames = &kLayer;
+  }
+  info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
+  const VkResult result = vkCreateInstance(&info, nullptr, &device_.instance);
+  if (result != VK_SUCCESS) {
+    device_.instance = VK_NULL_HANDLE;
+    return unsupported("Vulkan does not start (VkResult {})", static_cast<int>(result));
+  }
+  volkLoadInstance(device_.instance);
+  if (!validated) return {};
+  return vk_status(vkCreateDebugUtilsMessengerEXT(device_.instance, &debug, nullptr, &messenger_),
+                   "asking for messages");
+}
+
+Status WindowDevice::choose() {
+  std::uint32_t count = 0;
+  STGS_TRY(
+      vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, nullptr), "counting devices"));
+  std::vector<VkPhysicalDevice> devices(count);
+  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, devices.data()),
+                     "listing devices"));
+  int best = 0;
+  for (const VkPhysicalDevice one : devices) {
+    const int family = family_of(one, surface_);
+    VkPhysicalDeviceProperties properties{};
+    vkGetPhysicalDeviceProperties(one, &properties);
+    const int rank = rank_of(properties.deviceType);
+    if (family < 0 || rank <= best) continue;
+    best = rank;
+    device_.physical_device = one;
+    device_.queue_family = static_cast<std::uint32_t>(family);
+    name_ = properties.deviceName;
+  }
+  if (best > 0) return {};
+  return unsupported(
+      "there is no Vulkan device that draws and shows in this window ({} found); draw pictures "
+      "with 'stgs render'",
+      devices.size());
+}
+
+Status WindowDevice::open() {
+  const float priority = 1;
+  auto queue = structure<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
+  queue.queueFamilyIndex = device_.queue_family;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  const char* const swapchain = VK_KHR_SWAPCHAIN_EXTENSION_NAME;
+  auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  info.enabledExtensionCount = 1;
+  info.ppEnabledExtensionNames = &swapchain;
+  const VkResult result = vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device);
+  if (result != VK_SUCCESS) device_.device = VK_NULL_HANDLE;
+  STGS_TRY(vk_status(result, "opening a device"));
+  device_.extensions = {swapchain};
+  volkLoadDevice(device_.device);
+  vkGetDeviceQueue(device_.device, device_.queue_family, 0, &device_.queue);
+  return {};
+}
+
+}  // namespace stgs::tools
