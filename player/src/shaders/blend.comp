@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blending, nearest first: a workgroup a tile, a pixel an invocation. The tile's list goes through
-// shared memory kGroup splats at a time until no pixel lets light through. Of each batch a block of
-// pixels goes through the splats alone whose ellipse meets it; blocks are invocations side by side,
-// so that subgroups of up to 32 agree on what they skip.
+// Blending of a view, nearest first: a workgroup a tile, a pixel an invocation. The tile's list
+// goes through shared memory kGroup splats at a time until no pixel lets light through. Of each
+// batch a block of pixels goes through the splats alone whose ellipse meets it; blocks are
+// invocations side by side, so that subgroups of up to 32 agree on what they skip.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -52,10 +52,11 @@ void write_packed(uint to, vec4 colour) {
 }
 
 void write_pixel(uint x, uint y, vec4 sums, float t) {
-  uint to = y * uint(view.width) + x;
+  uint to = y * uint(frame.view[push.view].width) + x;
   float alpha = 1.0f - t;
-  vec4 colour = vec4(fma(t, view.background.x, sums.x), fma(t, view.background.y, sums.y),
-                     fma(t, view.background.z, sums.z), alpha);
+  Vec3 behind = frame.view[push.view].background;
+  vec4 colour =
+      vec4(fma(t, behind.x, sums.x), fma(t, behind.y, sums.y), fma(t, behind.z, sums.z), alpha);
   float depth = alpha > 0.0f ? sums.w / alpha : 0.0f;
   if (push.pixels == kPixelPlanes) {
     write_planes(to, colour, depth);
@@ -83,9 +84,11 @@ void main() {
                          thread >> 1u & 1u | thread >> 2u & 2u);
   uvec2 corner = gl_WorkGroupID.xy * uint(kTilePixels);
   uvec2 at_pixel = corner + uvec2(block % 2u, block / 2u) * kBlock + at_block;
-  bool inside = at_pixel.x < uint(view.width) && at_pixel.y < uint(view.height);
+  uint v = push.view;
+  bool inside = at_pixel.x < uint(frame.view[v].width) && at_pixel.y < uint(frame.view[v].height);
   vec2 centre = vec2(at_pixel) + 0.5f;
-  uvec2 range = tile_ranges[gl_WorkGroupID.y * uint(view.tiles_x) + gl_WorkGroupID.x];
+  uvec2 range = tile_ranges[frame.view[v].first_tile +
+                            gl_WorkGroupID.y * uint(frame.view[v].tiles_x) + gl_WorkGroupID.x];
   bool finished = !inside;
   vec4 sums = vec4(0.0f);
   float t = 1.0f;

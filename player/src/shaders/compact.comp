@@ -12,13 +12,17 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
   uint values[];
 };
 
+uint all_chunks() {
+  return frame.views * frame.chunks;
+}
+
 uint first_of(uint chunk) {
-  return chunk < view.chunks ? chunk_places[chunk] + chunk_sums[chunk / kScanTile] : visible;
+  return chunk < all_chunks() ? chunk_places[chunk] + chunk_sums[chunk / kScanTile] : visible;
 }
 
 void main() {
   uint chunk = group_number();
-  if (chunk >= view.chunks) return;
+  if (chunk >= all_chunks()) return;
   uint first = first_of(chunk), count = first_of(chunk + 1u) - first;
   uint k = gl_LocalInvocationIndex;
   if (k >= count) return;

@@ -16,7 +16,7 @@ void main() {
   uint rank = group_number() * kGroup + gl_LocalInvocationIndex;
   if (rank >= visible) return;
   uint splat = order[rank];
-  Footprint f = footprint_of(splat_a[splat], splat_b[splat]);
+  Footprint f = footprint_of(splat);
   uint count = 0u;
   for (int r = 0; r < f.rows; ++r) count += uint(span_of(f, f.row + r).y);
   tile_places[rank] = count;

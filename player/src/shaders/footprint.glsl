@@ -11,10 +11,15 @@ const float kLimitSlack = 0.75e-4f;
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
   int row, rows;  // of tiles
+  int tiles_x;    // of its view, as what follows
+  uint first_tile;
+  float last_pixel;  // the centre of the lowest row
 };
 
-Footprint footprint_of(vec4 a, vec4 b) {
+Footprint footprint_of(uint splat) {
   const float tile = float(kTilePixels);
+  vec4 a = splat_a[splat], b = splat_b[splat];
+  uint v = splat / (frame.chunks * kGroup);
   vec2 extent = b.zw;
   Footprint f;
   f.x = a.x;
@@ -29,7 +34,10 @@ Footprint footprint_of(vec4 a, vec4 b) {
   if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
   f.slack = 1e-3f + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
   float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
-  float count = float(view.tiles_y);
+  f.tiles_x = frame.view[v].tiles_x;
+  f.first_tile = frame.view[v].first_tile;
+  f.last_pixel = float(frame.view[v].height) - 0.5f;
+  float count = float(frame.view[v].tiles_y);
   float first = ceil((f.y - extent.y - slack - (tile - 0.5f)) / tile);
   float last = floor((f.y + extent.y + slack - 0.5f) / tile);
   f.row = int(clamp(first, 0.0f, count));
@@ -41,7 +49,7 @@ Footprint footprint_of(vec4 a, vec4 b) {
 ivec2 span_of(Footprint f, int row) {
   const float tile = float(kTilePixels);
   float top = float(row) * tile + 0.5f;
-  float bottom = min(top + (tile - 1.0f), float(view.height) - 0.5f);
+  float bottom = min(top + (tile - 1.0f), f.last_pixel);
   float low = clamp((top - f.y) * f.per_height, -1.0f, 1.0f);
   float high = clamp((bottom - f.y) * f.per_height, -1.0f, 1.0f);
   float at_right = clamp(f.top, low, high), at_left = clamp(-f.top, low, high);
@@ -50,7 +58,7 @@ ivec2 span_of(Footprint f, int row) {
                 f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
   float left = f.x + f.slope * at_left -
                f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
-  float count = float(view.tiles_x);
+  float count = float(f.tiles_x);
   int first = int(clamp(ceil((left - (tile - 0.5f)) / tile), 0.0f, count));
   int last = int(clamp(floor((right - 0.5f) / tile), -1.0f, count - 1.0f));
   return ivec2(first, max(last - first + 1, 0));

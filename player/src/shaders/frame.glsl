@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The buffers of a view, and what every shader needs.
+// The buffers of a frame, and what every shader needs.
 #include "frame_layout.h"
 
 layout(std430, set = 0, binding = 0) readonly buffer InputBuffer {
-  ViewInput view;
+  FrameInput frame;
   Part parts[];
 };
 layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint alive;      // seen at the moment, on the screen or not
-  uint visible;    // splats
+  uint visible;    // splats, of all views
   uint listed;     // instances that are sorted and drawn: all, or as many as there is room for
   uint instances;  // in all, also where they did not fit; kManyInstances at most
   uvec4 work[kWorks];
@@ -38,7 +38,7 @@ layout(std430, set = 0, binding = 8) buffer TileSumBuffer {
   uint tile_sums[];
 };
 layout(std430, set = 0, binding = 9) buffer RangeBuffer {
-  uvec2 tile_ranges[];  // of a tile: first and last + 1 of its instances
+  uvec2 tile_ranges[];  // of a tile of the frame: first and last + 1 of its instances
 };
 layout(std430, set = 0, binding = 10) buffer DigitPlaceBuffer {
   uint digit_places[];
@@ -46,7 +46,7 @@ layout(std430, set = 0, binding = 10) buffer DigitPlaceBuffer {
 layout(std430, set = 0, binding = 11) buffer DigitSumBuffer {
   uint digit_sums[];
 };
-// The picture, a plane each: of a large one, not all fit a storage buffer together.
+// A view's picture, a plane each: of a large one, not all fit a storage buffer together.
 layout(std430, set = 0, binding = 12) writeonly buffer RedBuffer {
   float red_plane[];
 };

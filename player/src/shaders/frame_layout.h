@@ -27,6 +27,7 @@ const uint kSortTile = 4096u;  // keys that a workgroup sorts
 const uint kScanTile = 2048u;  // numbers that a workgroup sums
 const uint kDigits = 256u;     // of a pass of the sort
 const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
+const uint kMostViews = 4u;    // of a frame
 
 // Sums stop here, above any count that can be drawn, instead of overflowing.
 const uint kManyInstances = 1u << 30;
@@ -35,26 +36,33 @@ const uint kManyInstances = 1u << 30;
 struct Part {
   uint at;  // of its data, in units of 16 bytes
   uint primitives;
-  uint first_chunk;  // of the view's chunks
+  uint first_chunk;  // of the frame's chunks
   uint first_group;  // of the dispatch over its block
   float ticks;       // the moment, and what its rounding has lost
   float ticks_rest;
 };
 
-// What changes from view to view; the parts follow it.
 struct ViewInput {
   PinholeCamera camera;
   Vec3 centre;  // of the camera, in the world
   Vec3 background;
   int width, height;  // pixels
   int tiles_x, tiles_y;
-  uint chunks;
-  uint instance_capacity;
+  uint first_tile;  // of the frame's, which are those of its views one after the other
+};
+
+// What a frame is drawn from, beside its parts, which follow it. All views have all chunks: splat s
+// is of view s / (chunks kGroup).
+struct FrameInput {
+  uint views;
+  uint chunks;             // of a view
+  uint instance_capacity;  // of all views
+  ViewInput view[kMostViews];
 };
 
 // Work whose extent the device finds: rows of four numbers, the groups of a dispatch along x, y and
 // z, and how many items there are.
-const uint kWorkScanChunks = 0u;       // items: chunks
+const uint kWorkScanChunks = 0u;       // items: chunks of all views
 const uint kWorkSortDepth = 1u;        // visible splats
 const uint kWorkScanDepthDigits = 2u;  // kDigits a workgroup of the sort
 const uint kWorkCountTiles = 3u;       // visible splats
@@ -85,6 +93,7 @@ struct Push {
   uint first_part, part_count, groups;  // of a dispatch over a block
   uint pixels;                          // kPixel...
   uint with_depth;                      // beside such pixels the plane of depth; 0: without
+  uint view;                            // of the blend
 };
 
 STGS_LAYOUT_END

@@ -43,14 +43,14 @@ void main() {
   barrier();
   if (rank < visible) {
     uint splat = order[rank];
-    Footprint f = footprint_of(splat_a[splat], splat_b[splat]);
+    Footprint f = footprint_of(splat);
     if (f.rows > kAlone) {
       large[atomicAdd(large_count, 1u)] = rank;
     } else {
       uint to = place_of(rank);
       for (int r = 0; r < f.rows; ++r) {
         ivec2 span = span_of(f, f.row + r);
-        uint tile = uint((f.row + r) * view.tiles_x + span.x);
+        uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
         for (uint k = 0u; k < uint(span.y); ++k, ++to) write_instance(to, tile + k, splat);
       }
     }
@@ -58,10 +58,10 @@ void main() {
   barrier();
   for (uint one = 0u; one < large_count; ++one) {
     uint splat = order[large[one]], to = place_of(large[one]);
-    Footprint f = footprint_of(splat_a[splat], splat_b[splat]);
+    Footprint f = footprint_of(splat);
     for (int r = 0; r < f.rows; ++r) {
       ivec2 span = span_of(f, f.row + r);
-      uint tile = uint((f.row + r) * view.tiles_x + span.x);
+      uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
       for (uint k = thread; k < uint(span.y); k += kGroup) {
         write_instance(to + k, tile + k, splat);
       }

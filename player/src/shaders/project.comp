@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t: one primitive an invocation, cheapest tests first, as raster_slice.cpp's make_splat.
-// A chunk's splats lie side by side from its first place on, in the order of ids.
+// Slice at t: one primitive an invocation, cheapest tests first, as raster_slice.cpp's make_splat;
+// what does not depend on the view is done once. In each view a chunk's splats lie side by side
+// from its first place on, in the order of ids.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -10,6 +11,7 @@
 
 layout(local_size_x = 256) in;
 layout(constant_id = 0) const int kDegree = 3;
+layout(constant_id = 1) const bool kSeveral = true;  // views; one has a shader of its own
 
 // The same block of memory twice.
 layout(std430, set = 1, binding = 0) readonly buffer FourBuffer {
@@ -63,18 +65,29 @@ bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
   return finite(square) && finite(sums[0]) && finite(sums[1]) && finite(sums[2]);
 }
 
-// The splat of primitive i, which is alive; false where it is not visible.
-bool make_splat(Part part, Arrays at, uint i, out Splat splat) {
+// A primitive at the moment.
+struct Moving {
+  Vec3 position;
+  float opacity;
+};
+
+// False where it is not drawn from anywhere.
+bool move(Part part, Arrays at, uint i, out Moving one) {
   vec4 place = fours[(at.pair + at.n) / 2u + i];
   vec4 motion = fours[(at.pair + 3u * at.n) / 2u + i];
   vec2 lifespan = pair_at(at.pair + 5u * at.n + i);
   float dt = since(part, place.w);
-  Vec3 position =
+  one.position =
       position_at(vec3_of(place.x, place.y, place.z), vec3_of(motion.x, motion.y, motion.z), dt);
-  if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
-  float opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
-  if (!(opacity >= kAlphaThreshold)) return false;
+  one.opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
+  return one.opacity >= kAlphaThreshold;
+}
 
+// The splat of primitive i in a view; false where it is not visible.
+bool make_splat(uint v, Moving one, Arrays at, uint i, out Splat splat) {
+  PinholeCamera camera = frame.view[v].camera;
+  Vec3 position = one.position;
+  if (!(to_camera(camera, position).z >= camera.near_plane)) return false;
   vec4 c = fours[(at.pair + 6u * at.n) / 2u + i];
   vec2 rest = pair_at(at.pair + 8u * at.n + i);
   Sym3 covariance;
@@ -84,20 +97,20 @@ bool make_splat(Part part, Arrays at, uint i, out Splat splat) {
   covariance.yy = c.w;
   covariance.yz = rest.x;
   covariance.zz = rest.y;
-  Projection p = project_gaussian(view.camera, position, covariance);
+  Projection p = project_gaussian(camera, position, covariance);
   if (p.visible == 0) return false;
   float elongation = elongation_of(p);
   if (!finite(elongation) || !finite(p.conic.xy)) return false;
-  Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
+  Vec2 extent = splat_extent(p.covariance, one.opacity, kAlphaThreshold);
   float slack = extent_slack(elongation);
   extent = vec2_of(extent.x * slack, extent.y * slack);
-  if (outside_image(view.camera, p.mean, extent)) return false;
+  if (outside_image(camera, p.mean, extent)) return false;
 
   splat.a = vec4(p.mean.x, p.mean.y, -0.5f * kLog2E * p.conic.xx, -kLog2E * p.conic.xy);
-  splat.b = vec4(-0.5f * kLog2E * p.conic.yy, log2(opacity), extent.x, extent.y);
+  splat.b = vec4(-0.5f * kLog2E * p.conic.yy, log2(one.opacity), extent.x, extent.y);
   splat.c.w = p.depth;
-  Vec3 from_camera =
-      vec3_of(position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z);
+  Vec3 centre = frame.view[v].centre;
+  Vec3 from_camera = vec3_of(position.x - centre.x, position.y - centre.y, position.z - centre.z);
   return finite(p.depth) && colour_of(at, i, from_camera, splat);
 }
 
@@ -115,13 +128,35 @@ uint part_of(uint group) {
   return low;
 }
 
-shared uint seen[kGroup / 32u];  // a bit an invocation
+const uint kWords = kGroup / 32u;
+shared uint seen[kMostViews * kWords];  // of each view a bit an invocation
 shared uint alive_here;
+
+// The splats of a chunk in a view, side by side; all invocations call it.
+void store(uint v, uint chunk, uint thread, bool is_visible, Splat splat) {
+  if (is_visible) atomicOr(seen[v * kWords + thread / 32u], 1u << (thread % 32u));
+  barrier();
+  uint before = 0u, total = 0u;
+  for (uint k = 0u; k < kWords; ++k) {
+    uint bits = seen[v * kWords + k];
+    total += uint(bitCount(bits));
+    if (k == thread / 32u) bits &= (1u << (thread % 32u)) - 1u;
+    if (k <= thread / 32u) before += uint(bitCount(bits));
+  }
+  uint place = v * frame.chunks + chunk;
+  if (is_visible) {
+    uint to = place * kGroup + before;
+    splat_a[to] = splat.a;
+    splat_b[to] = splat.b;
+    splat_c[to] = splat.c;
+  }
+  if (thread == 0u) chunk_places[place] = total;
+}
 
 void main() {
   uint group = group_number(), thread = gl_LocalInvocationIndex;
   if (group >= push.groups) return;
-  if (thread < kGroup / 32u) seen[thread] = 0u;
+  if (thread < kMostViews * kWords) seen[thread] = 0u;
   if (thread == 0u) alive_here = 0u;
   barrier();
   Part part = parts[part_of(group)];
@@ -132,26 +167,14 @@ void main() {
   at.n = (part.primitives + kGroup - 1u) / kGroup * kGroup;
   vec2 support = pair_at(at.pair + i);
   bool is_alive = support.x <= part.ticks && part.ticks <= support.y;
-  Splat splat;
-  bool is_visible = is_alive && make_splat(part, at, i, splat);
   if (is_alive) atomicAdd(alive_here, 1u);
-  if (is_visible) atomicOr(seen[thread / 32u], 1u << (thread % 32u));
-  barrier();
-  uint before = 0u, total = 0u;
-  for (uint k = 0u; k < kGroup / 32u; ++k) {
-    uint bits = seen[k];
-    total += uint(bitCount(bits));
-    if (k == thread / 32u) bits &= (1u << (thread % 32u)) - 1u;
-    if (k <= thread / 32u) before += uint(bitCount(bits));
+  Moving one;
+  bool is_seen = is_alive && move(part, at, i, one);
+  uint views = kSeveral ? frame.views : 1u;
+  for (uint v = 0u; v < views; ++v) {
+    Splat splat;
+    bool is_visible = is_seen && make_splat(v, one, at, i, splat);
+    store(v, chunk, thread, is_visible, splat);
   }
-  if (is_visible) {
-    uint to = chunk * kGroup + before;
-    splat_a[to] = splat.a;
-    splat_b[to] = splat.b;
-    splat_c[to] = splat.c;
-  }
-  if (thread == 0u) {
-    chunk_places[chunk] = total;
-    if (alive_here != 0u) atomicAdd(alive, alive_here);
-  }
+  if (thread == 0u && alive_here != 0u) atomicAdd(alive, alive_here);
 }

@@ -29,7 +29,7 @@ void plan_visible(uint count) {
 }
 
 void plan_instances(uint count) {
-  uint fitting = min(count, view.instance_capacity);
+  uint fitting = min(count, frame.instance_capacity);
   instances = count;
   listed = fitting;
   work[kWorkListTiles] = work_for(fitting > 0u ? visible : 0u, kGroup);

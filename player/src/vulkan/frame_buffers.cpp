@@ -22,13 +22,13 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
     const std::uint64_t bytes = std::max<std::uint64_t>(entries, 4) * each;
     if (bytes > most) {
       return unsupported(
-          "the Vulkan device's storage buffers hold {} MiB, and {} primitives at a moment need {} "
-          "MiB; use --backend cpu",
+          "the Vulkan device's storage buffers hold {} MiB, and {} primitives at a moment, in all "
+          "views together, need {} MiB; draw fewer views at once, or use --backend cpu",
           most >> 20, splat_count, bytes >> 20);
     }
     return buffer.ensure(device, bytes, Place::kDevice, most / 16 * 16);
   };
-  STGS_TRY(room(input, 1, sizeof(ViewInput) + sizeof(Part) * std::uint64_t{need.parts + 1}));
+  STGS_TRY(room(input, 1, sizeof(FrameInput) + sizeof(Part) * std::uint64_t{need.parts + 1}));
   STGS_TRY(room(counts, 1, kCountBytes));
   for (Buffer& splat : splats) STGS_TRY(room(splat, splat_count, 16));
   STGS_TRY(room(chunk_places, need.chunks, 4));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the stages of a view leave for each other. Views share it, one after the other.
+// What the stages of a frame leave for each other. Frames share it, one after the other.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace stgs::player::vulkan {
 
-// Tile instances of a view at most; as the CPU rasteriser's limit.
+// Tile instances of a frame at most; as the CPU rasteriser's limit for a view.
 inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
 
 // What begins CountBuffer of frame.glsl.
@@ -21,6 +21,7 @@ struct Counts {
 inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
 inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes;
 
+// Of all views of a frame.
 struct FrameNeed {
   std::uint32_t chunks = 0, tiles = 0, parts = 0;
   std::uint64_t instances = 0;

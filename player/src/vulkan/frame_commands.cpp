@@ -8,7 +8,7 @@
 namespace stgs::player::vulkan {
 namespace {
 
-constexpr std::uint32_t kStageSets = 32;       // of a view, those of the blocks apart
+constexpr std::uint32_t kStageSets = 32;       // of a frame, those of blocks and views apart
 constexpr std::uint64_t kUpdateBytes = 65536;  // of vkCmdUpdateBuffer at most
 constexpr int kDepthPasses = 4;
 
@@ -29,8 +29,7 @@ FrameCommands::~FrameCommands() {
   if (device_ != nullptr) device_->vk.vkDestroyDescriptorPool(device_->handle(), pool_, nullptr);
 }
 
-Status FrameCommands::begin(const Device& device, std::size_t views, std::size_t blocks) {
-  const auto sets = static_cast<std::uint32_t>(views * (kStageSets + blocks));
+Status FrameCommands::make_room(const Device& device, std::uint32_t sets) {
   const auto& vk = device.vk;
   device_ = &device;
   if (sets <= sets_) {
@@ -43,7 +42,7 @@ Status FrameCommands::begin(const Device& device, std::size_t views, std::size_t
       VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
       static_cast<std::uint32_t>(kMaxViews) * kFrameBindings + sets * kStageBindings};
   auto info = structure<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
-  info.maxSets = sets;
+  info.maxSets = static_cast<std::uint32_t>(kMaxViews) + sets;
   info.poolSizeCount = 1;
   info.pPoolSizes = &size;
   STGS_TRY(vk_status(vk.vkCreateDescriptorPool(device.handle(), &info, nullptr, &pool_),
@@ -65,28 +64,19 @@ class FrameCommands::Recorder {
 
   Status record(const SegmentMemory& memory) {
     if (work_.times != VK_NULL_HANDLE) {
-      device_.vk.vkCmdResetQueryPool(commands_, work_.times, kTimes * work_.number, kTimes);
+      device_.vk.vkCmdResetQueryPool(commands_, work_.times, 0, kTimes);
     }
     time(0);
     send();
-    STGS_TRY(bind_frame());
+    STGS_TRY(bind_frame(work_.pictures[0]));
     STGS_TRY(slice(memory));
     time(1);
     STGS_TRY(bin());
     time(2);
-    const VkBuffer list = b_.tile_splats[passes() % 2].handle();
-    const PictureBuffers& picture = work_.picture;
-    STGS_TRY(
-        stage({list, list, picture.packed != VK_NULL_HANDLE ? picture.packed : unused(), list}));
-    Push push{};
-    push.pixels = picture.pixels;
-    push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
-    use(Shader::kBlend, push);
-    device_.vk.vkCmdDispatch(commands_, static_cast<std::uint32_t>(work_.input->tiles_x),
-                             static_cast<std::uint32_t>(work_.input->tiles_y), 1);
+    STGS_TRY(blend());
     time(3);
     barrier(device_, commands_);
-    const VkBufferCopy counts{0, work_.number * sizeof(Counts), sizeof(Counts)};
+    const VkBufferCopy counts{0, 0, sizeof(Counts)};
     device_.vk.vkCmdCopyBuffer(commands_, b_.counts.handle(), work_.told, 1, &counts);
     barrier(device_, commands_);
     return {};
@@ -95,9 +85,12 @@ class FrameCommands::Recorder {
  private:
   using StageBuffers = std::array<VkBuffer, kStageBindings>;
 
+  // Of all views.
   std::uint32_t tiles() const {
-    return static_cast<std::uint32_t>(work_.input->tiles_x * work_.input->tiles_y);
+    const ViewInput& last = work_.input->view[work_.input->views - 1];
+    return last.first_tile + static_cast<std::uint32_t>(last.tiles_x * last.tiles_y);
   }
+  std::uint32_t chunks() const { return work_.input->views * work_.input->chunks; }
   std::size_t passes() const { return static_cast<std::size_t>(tile_passes(tiles())); }
   // Bound where the blend writes nothing: the sort's other list, which is not needed any more.
   VkBuffer unused() const { return b_.tile_splats[1 - passes() % 2].handle(); }
@@ -105,7 +98,7 @@ class FrameCommands::Recorder {
   void time(std::uint32_t number) {
     if (work_.times == VK_NULL_HANDLE) return;
     device_.vk.vkCmdWriteTimestamp(commands_, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, work_.times,
-                                   kTimes * work_.number + number);
+                                   number);
   }
 
   void update(const Buffer& to, std::uint64_t offset, const void* data, std::uint64_t bytes) {
@@ -116,14 +109,14 @@ class FrameCommands::Recorder {
     }
   }
 
-  // The input, and the counts of a view that has not begun.
+  // The input, and the counts of a frame that has not begun.
   void send() {
-    update(b_.input, 0, work_.input, sizeof(ViewInput));
-    update(b_.input, sizeof(ViewInput), work_.parts.data(), work_.parts.size_bytes());
+    update(b_.input, 0, work_.input, sizeof(FrameInput));
+    update(b_.input, sizeof(FrameInput), work_.parts.data(), work_.parts.size_bytes());
     std::uint32_t counts[kCountBytes / 4] = {};
-    const std::uint32_t chunks = work_.input->chunks, groups = groups_for(chunks, kScanTile);
+    const std::uint32_t groups = groups_for(chunks(), kScanTile);
     const std::uint32_t row[] = {std::min(groups, kGroupsX), groups_for(groups, kGroupsX), 1,
-                                 chunks};
+                                 chunks()};
     std::memcpy(counts + (sizeof(Counts) + kWorkScanChunks * kWorkBytes) / 4, row, sizeof(row));
     update(b_.counts, 0, counts, sizeof(counts));
     device_.vk.vkCmdFillBuffer(commands_, b_.tile_ranges.handle(), 0, std::uint64_t{8} * tiles(),
@@ -154,14 +147,14 @@ class FrameCommands::Recorder {
     return {};
   }
 
-  Status bind_frame() {
+  Status bind_frame(const PictureBuffers& picture) {
     std::vector<VkDescriptorBufferInfo> infos;
     for (const Buffer* buffer : {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2],
                                  &b_.chunk_places, &b_.chunk_sums, &b_.tile_places, &b_.tile_sums,
                                  &b_.tile_ranges, &b_.digit_places, &b_.digit_sums}) {
       infos.push_back({buffer->handle(), 0, VK_WHOLE_SIZE});
     }
-    for (const VkDescriptorBufferInfo& plane : work_.picture.planes) {
+    for (const VkDescriptorBufferInfo& plane : picture.planes) {
       infos.push_back(plane.buffer != VK_NULL_HANDLE
                           ? plane
                           : VkDescriptorBufferInfo{unused(), 0, VK_WHOLE_SIZE});
@@ -219,12 +212,13 @@ class FrameCommands::Recorder {
       push.first_part = one.first_part;
       push.part_count = one.parts;
       push.groups = one.groups;
-      dispatch(Shader::kProject, push, one.groups);
+      const bool several = work_.input->views > 1;
+      dispatch(several ? Shader::kProjectSeveral : Shader::kProject, push, one.groups);
     }
     STGS_TRY(scan(kWorkScanChunks, b_.chunk_places, b_.chunk_sums, kTotalVisible));
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
                     b_.orders[0].handle()}));
-    dispatch(Shader::kCompact, {}, work_.input->chunks);
+    dispatch(Shader::kCompact, {}, chunks());
     return {};
   }
 
@@ -263,6 +257,26 @@ class FrameCommands::Recorder {
     return {};
   }
 
+  // Views write different pictures: none waits for another.
+  Status blend() {
+    const VkBuffer list = b_.tile_splats[passes() % 2].handle();
+    for (std::uint32_t v = 0; v < work_.input->views; ++v) {
+      const PictureBuffers& picture = work_.pictures[v];
+      if (v > 0) STGS_TRY(bind_frame(picture));
+      const VkBuffer packed = picture.packed != VK_NULL_HANDLE ? picture.packed : unused();
+      STGS_TRY(stage({list, list, packed, list}));
+      Push push{};
+      push.pixels = picture.pixels;
+      push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
+      push.view = v;
+      use(Shader::kBlend, push);
+      const ViewInput& view = work_.input->view[v];
+      device_.vk.vkCmdDispatch(commands_, static_cast<std::uint32_t>(view.tiles_x),
+                               static_cast<std::uint32_t>(view.tiles_y), 1);
+    }
+    return {};
+  }
+
   const Device& device_;
   const Pipelines& pipelines_;
   const FrameBuffers& b_;
@@ -273,7 +287,9 @@ class FrameCommands::Recorder {
 
 Status FrameCommands::record(const Device& device, const Pipelines& pipelines,
                              const SegmentMemory& memory, const FrameBuffers& buffers,
-                             const FrameWork& work, VkCommandBuffer commands) const {
+                             const FrameWork& work, VkCommandBuffer commands) {
+  STGS_TRY(make_room(
+      device, kStageSets + static_cast<std::uint32_t>(work.blocks.size() + work.pictures.size())));
   return Recorder(device, pipelines, buffers, work, pool_, commands).record(memory);
 }
 

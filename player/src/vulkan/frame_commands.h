@@ -27,16 +27,15 @@ struct PictureBuffers {
   VkBuffer packed = VK_NULL_HANDLE;  // of other pixels
 };
 
-// What a view is drawn from and with.
+// What a frame is drawn from and with.
 struct FrameWork {
-  const ViewInput* input;
+  const FrameInput* input;
   std::span<const Part> parts;  // those of a block side by side
   std::span<const BlockParts> blocks;
   int sh_degree;
-  PictureBuffers picture;
-  std::uint32_t number;  // of the view
-  VkBuffer told;         // where the Counts of each view go, for the host
-  VkQueryPool times;     // kTimes of each view; null where there are none
+  std::span<const PictureBuffers> pictures;  // of each view
+  VkBuffer told;                             // where the Counts go, for the host
+  VkQueryPool times;                         // kTimes of them; null where there are none
 };
 
 // The sets of buffers that a frame's commands use; one command buffer at a time.
@@ -47,15 +46,13 @@ class FrameCommands {
   FrameCommands& operator=(const FrameCommands&) = delete;
   ~FrameCommands();
 
-  // Before the views of a frame, which have so many blocks each. Nothing that was recorded before
-  // may still run.
-  Status begin(const Device& device, std::size_t views, std::size_t blocks);
-  // Records a view.
+  // Records a frame. Nothing that was recorded before may still run.
   Status record(const Device& device, const Pipelines& pipelines, const SegmentMemory& memory,
-                const FrameBuffers& buffers, const FrameWork& work, VkCommandBuffer commands) const;
+                const FrameBuffers& buffers, const FrameWork& work, VkCommandBuffer commands);
 
  private:
   class Recorder;
+  Status make_room(const Device& device, std::uint32_t sets);
 
   const Device* device_ = nullptr;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;

@@ -51,11 +51,11 @@ Status FrameSlot::create(Device& device) {
   const auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   STGS_TRY(
       vk_status(vk.vkCreateFence(device.handle(), &fence, nullptr, &fence_), "creating a fence"));
-  STGS_TRY(told_.create(device, kMaxViews * sizeof(Counts), Place::kHost));
+  STGS_TRY(told_.create(device, sizeof(Counts), Place::kHost));
   if (device.timestamp_ns() == 0) return {};
   auto times = structure<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
   times.queryType = VK_QUERY_TYPE_TIMESTAMP;
-  times.queryCount = static_cast<std::uint32_t>(kMaxViews) * kTimes;
+  times.queryCount = kTimes;
   return vk_status(vk.vkCreateQueryPool(device.handle(), &times, nullptr, &times_),
                    "making room for times");
 }
@@ -76,11 +76,9 @@ Status FrameSlot::wait() {
   return {};
 }
 
-Status FrameSlot::begin(std::size_t view_count, std::size_t blocks) {
+Status FrameSlot::begin() {
   STGS_TRY(
       vk_status(device_->vk.vkResetCommandPool(device_->handle(), pool_, 0), "resetting commands"));
-  STGS_TRY(sets_.begin(*device_, view_count, blocks));
-  views = view_count;
   for (const VkCommandBuffer commands : commands_) {
     auto info = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
     info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
@@ -123,26 +121,24 @@ Status FrameSlot::submit(std::span<const VulkanSemaphore> wait,
   return {};
 }
 
-Counts FrameSlot::counts(std::size_t view) const {
+Counts FrameSlot::counts() const {
   Counts counts{};
-  std::memcpy(&counts, told_.mapped() + view * sizeof(Counts), sizeof(counts));
+  std::memcpy(&counts, told_.mapped(), sizeof(counts));
   return counts;
 }
 
-Status FrameSlot::add_times(std::size_t view_count, RenderStats& to) const {
+Status FrameSlot::add_times(RenderStats& to) const {
   if (times_ == VK_NULL_HANDLE) return {};
-  std::array<std::uint64_t, kMaxViews * kTimes> at{};
-  const auto count = static_cast<std::uint32_t>(view_count) * kTimes;
+  std::uint64_t at[kTimes] = {};
   STGS_TRY(
-      vk_status(device_->vk.vkGetQueryPoolResults(device_->handle(), times_, 0, count, sizeof(at),
-                                                  at.data(), sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
+      vk_status(device_->vk.vkGetQueryPoolResults(device_->handle(), times_, 0, kTimes, sizeof(at),
+                                                  at, sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
                 "reading the times of the stages"));
   double* const sums[] = {&to.slice_ms, &to.bin_ms, &to.blend_ms};
-  for (std::size_t i = 0; i + 1 < count; ++i) {
-    if (i % kTimes + 1 == kTimes) continue;
-    const std::uint64_t steps = (at[i + 1] - at[i]) & device_->timestamp_mask();
+  for (std::size_t stage = 0; stage + 1 < kTimes; ++stage) {
+    const std::uint64_t steps = (at[stage + 1] - at[stage]) & device_->timestamp_mask();
     const double ms = 1e-6 * device_->timestamp_ns() * static_cast<double>(steps);
-    *sums[i % kTimes] += ms;
+    *sums[stage] += ms;
     to.device_ms += ms;
   }
   return {};

@@ -30,21 +30,20 @@ class FrameSlot {
 
   // Begins a frame; the last one has ended. `draw` is for drawing, `hand_over` for what waits for
   // the caller's semaphores.
-  Status begin(std::size_t views, std::size_t blocks);
+  Status begin();
   VkCommandBuffer draw() const { return commands_[0]; }
   VkCommandBuffer hand_over() const { return commands_[1]; }
-  const FrameCommands& sets() const { return sets_; }
+  FrameCommands& sets() { return sets_; }
   VkBuffer told() const { return told_.handle(); }
   VkQueryPool times() const { return times_; }
   // Starts both.
   Status submit(std::span<const VulkanSemaphore> wait, std::span<const VulkanSemaphore> signal);
 
   // Of a frame that has ended.
-  Counts counts(std::size_t view) const;
-  Status add_times(std::size_t views, RenderStats& stats) const;
+  Counts counts() const;
+  Status add_times(RenderStats& stats) const;
 
-  std::uint64_t number = 0;  // of the frame, as all that follows
-  std::size_t views = 0;
+  std::uint64_t number = 0;    // of the frame, as all that follows
   std::uint64_t capacity = 0;  // instances that there was room for
   RenderStats stats;           // what the host knows of it
 

@@ -46,6 +46,7 @@ constexpr std::uint32_t kBlendCode[] = {
 std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
   switch (shader) {
     case Shader::kProject:
+    case Shader::kProjectSeveral:
       return kProjectCode;
     case Shader::kScanItems:
       return kScanItemsCode;
@@ -133,9 +134,12 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   STGS_TRY(
       vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
                 "loading a shader"));
-  const auto number = shader == Shader::kProject ? static_cast<std::uint32_t>(sh_degree) : lanes;
-  const VkSpecializationMapEntry entry{0, 0, sizeof(number)};
-  const VkSpecializationInfo constants{1, &entry, sizeof(number), &number};
+  const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
+  const std::uint32_t numbers[] = {projects ? static_cast<std::uint32_t>(sh_degree) : lanes,
+                                   shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE};
+  const VkSpecializationMapEntry entries[] = {{0, 0, sizeof(numbers[0])},
+                                              {1, sizeof(numbers[0]), sizeof(numbers[1])}};
+  const VkSpecializationInfo constants{projects ? 2u : 1u, entries, sizeof(numbers), numbers};
   auto info =
       structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.stage = structure<VkPipelineShaderStageCreateInfo>(
@@ -143,7 +147,7 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
   info.stage.module = module;
   info.stage.pName = "main";
-  if (shader == Shader::kProject || (shader == Shader::kSortScatter && lanes != 0)) {
+  if (projects || (shader == Shader::kSortScatter && lanes != 0)) {
     info.stage.pSpecializationInfo = &constants;
   }
   info.layout = layout_;

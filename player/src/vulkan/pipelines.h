@@ -13,7 +13,8 @@ inline constexpr std::uint32_t kFrameBindings = 17, kStageBindings = 4;
 inline constexpr int kDegrees = 4;
 
 enum class Shader {
-  kProject,
+  kProject,         // of one view
+  kProjectSeveral,  // views
   kScanItems,
   kScanSums,
   kCompact,
@@ -24,7 +25,7 @@ enum class Shader {
   kFindRanges,
   kBlend,
 };
-inline constexpr std::size_t kShaders = 10;
+inline constexpr std::size_t kShaders = 11;
 
 // The device outlives it.
 class Pipelines {

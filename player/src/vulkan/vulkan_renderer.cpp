@@ -177,17 +177,25 @@ class ComputeRenderer final : public VulkanRenderer {
     return pipelines_.create(device_, sh_degree_);
   }
 
-  ViewInput input_of(const View& view, const Picture& picture) const {
-    ViewInput input{};
-    input.camera = view.camera;
-    input.centre = math::camera_centre(view.camera);
-    input.background = view.background;
-    input.width = picture.width;
-    input.height = picture.height;
-    input.tiles_x = tiles_along(picture.width);
-    input.tiles_y = tiles_along(picture.height);
+  FrameInput input_of(const std::vector<View>& views) const {
+    static_assert(kMostViews == kMaxViews);
+    FrameInput input{};
+    input.views = static_cast<std::uint32_t>(views.size());
     input.chunks = chunks_;
     input.instance_capacity = static_cast<std::uint32_t>(capacity());
+    std::uint32_t tiles = 0;
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      ViewInput& view = input.view[i];
+      view.camera = views[i].camera;
+      view.centre = math::camera_centre(views[i].camera);
+      view.background = views[i].background;
+      view.width = pictures_[i].width;
+      view.height = pictures_[i].height;
+      view.tiles_x = tiles_along(pictures_[i].width);
+      view.tiles_y = tiles_along(pictures_[i].height);
+      view.first_tile = tiles;
+      tiles += static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
+    }
     return input;
   }
 
@@ -211,12 +219,11 @@ class ComputeRenderer final : public VulkanRenderer {
   // For the pictures, in planes where `to` is null, and for what they are drawn with.
   Status make_room(const std::vector<View>& views, const VulkanSubmission* to) {
     FrameNeed need;
-    need.chunks = chunks_;
+    need.chunks = chunks_ * static_cast<std::uint32_t>(views.size());
     need.parts = static_cast<std::uint32_t>(parts_.size());
     for (std::size_t i = 0; i < views.size(); ++i) {
       Picture& p = pictures_[i];
-      const auto tiles = static_cast<std::uint32_t>(tiles_along(p.width) * tiles_along(p.height));
-      need.tiles = std::max(need.tiles, tiles);
+      need.tiles += static_cast<std::uint32_t>(tiles_along(p.width) * tiles_along(p.height));
       if (to == nullptr) {
         STGS_TRY(grow(p.planes, p.plane_bytes_together(), p, p.plane_bytes()));
         continue;
@@ -228,7 +235,7 @@ class ComputeRenderer final : public VulkanRenderer {
     if (buffers_.instance_capacity() == 0 && wanted_instances_ == 0) {
       wanted_instances_ = settings_.instances > 0
                               ? settings_.instances
-                              : std::max(kLeastInstances, kInstancesEach * kGroup * chunks_);
+                              : std::max(kLeastInstances, kInstancesEach * kGroup * need.chunks);
     }
     need.instances = std::min(wanted_instances_, FrameBuffers::most_instances(device_));
     if (need.fits(room_)) return {};
@@ -251,22 +258,15 @@ class ComputeRenderer final : public VulkanRenderer {
   }
 
   Status record(const std::vector<View>& views, const VulkanSubmission* to, FrameSlot& slot) {
-    STGS_TRY(slot.begin(views.size(), blocks_.size()));
+    STGS_TRY(slot.begin());
     slot.capacity = capacity();
+    const FrameInput input = input_of(views);
+    std::vector<PictureBuffers> pictures;
     for (std::size_t i = 0; i < views.size(); ++i) {
-      const ViewInput input = input_of(views[i], pictures_[i]);
-      const FrameWork work{&input,
-                           parts_,
-                           blocks_,
-                           sh_degree_,
-                           buffers_of(pictures_[i], to == nullptr ? nullptr : &to->targets[i]),
-                           static_cast<std::uint32_t>(i),
-                           slot.told(),
-                           slot.times()};
-      STGS_TRY(
-          slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw()));
+      pictures.push_back(buffers_of(pictures_[i], to == nullptr ? nullptr : &to->targets[i]));
     }
-    return {};
+    const FrameWork work{&input, parts_, blocks_, sh_degree_, pictures, slot.told(), slot.times()};
+    return slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw());
   }
 
   void hand_over(const Picture& picture, const VulkanTarget& to, const FrameSlot& slot) {
@@ -274,22 +274,11 @@ class ComputeRenderer final : public VulkanRenderer {
     if (to.depth) copy_picture(device_, picture.depth.handle(), *to.depth, slot.hand_over());
   }
 
-  // Instances of the view that has most.
-  static std::uint64_t most_listed(const FrameSlot& slot) {
-    std::uint64_t most = 0;
-    for (std::size_t i = 0; i < slot.views; ++i) {
-      most = std::max<std::uint64_t>(most, slot.counts(i).instances);
-    }
-    return most;
-  }
-
   static Status count(FrameSlot& slot) {
-    for (std::size_t i = 0; i < slot.views; ++i) {
-      const Counts counts = slot.counts(i);
-      slot.stats.alive = counts.alive;
-      slot.stats.drawn += counts.visible;
-    }
-    return slot.add_times(slot.views, slot.stats);
+    const Counts counts = slot.counts();
+    slot.stats.alive = counts.alive;
+    slot.stats.drawn = counts.visible;
+    return slot.add_times(slot.stats);
   }
 
   // Draws, and again with more room where the instances did not fit.
@@ -300,12 +289,12 @@ class ComputeRenderer final : public VulkanRenderer {
       STGS_TRY(record(views, nullptr, slot));
       STGS_TRY(slot.submit({}, {}));
       STGS_TRY(slot.wait());
-      const std::uint64_t listed = most_listed(slot);
+      const std::uint64_t listed = slot.counts().instances;
       if (listed <= slot.capacity) return count(slot);
       const std::uint64_t most = FrameBuffers::most_instances(device_);
       if (listed > most) {
         return runtime_error(
-            "{}: cannot draw {} s: the view's splats touch more tiles than a frame can list "
+            "{}: cannot draw {} s: the views' splats touch more tiles than a frame can list "
             "(2^{})",
             timeline.name(), seconds, std::bit_width(most) - 1);
       }
@@ -327,7 +316,7 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Status take(FrameSlot& slot) {
     STGS_TRY(count(slot));
-    const std::uint64_t listed = most_listed(slot);
+    const std::uint64_t listed = slot.counts().instances;
     ended_ = {slot.number, listed <= slot.capacity, slot.stats};
     const auto instances = static_cast<double>(listed);
     if (instances > kFull * static_cast<double>(slot.capacity)) {
