@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "stgs/player/vulkan_renderer.h"
 #include "vulkan/buffer.h"
@@ -46,6 +47,7 @@ class FrameSlot {
   std::uint64_t number = 0;    // of the frame, as all that follows
   std::uint64_t capacity = 0;  // instances that there was room for
   RenderStats stats;           // what the host knows of it
+  std::vector<Buffer> copied;  // that its commands copy from
 
  private:
   Device* device_ = nullptr;

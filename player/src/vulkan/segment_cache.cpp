@@ -15,6 +15,8 @@ namespace {
 
 constexpr std::uint64_t kBlockBytes = std::uint64_t{256} << 20;
 constexpr std::uint32_t kSent = 1 << 18;  // primitives at once
+// Bytes that wait to be copied at most, and that spare buffers have.
+constexpr std::uint64_t kWaiting = std::uint64_t{64} << 20;
 
 }  // namespace
 
@@ -36,7 +38,16 @@ std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
 }
 
 void SegmentCache::give_back(const std::vector<Piece>& pieces) {
-  for (const Piece& piece : pieces) memory_.give_back(piece.room);
+  for (const Piece& piece : pieces) {
+    const auto waits = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
+      return copy.room.block == piece.room.block && copy.room.offset == piece.room.offset;
+    });
+    if (waits != copies_.end()) {
+      waiting_ -= waits->room.bytes;
+      copies_.erase(waits);
+    }
+    memory_.give_back(piece.room);
+  }
 }
 
 void SegmentCache::release(std::uint32_t segment) {
@@ -67,6 +78,7 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set) {
     Piece piece;
     piece.primitives = static_cast<std::uint32_t>(std::min(most, set.size() - first));
     if (const Status status = send_piece(set, first, piece); !status.ok()) {
+      if (piece.room.bytes > 0) pieces.push_back(piece);
       give_back(pieces);
       return status;
     }
@@ -78,26 +90,63 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set) {
   return {};
 }
 
+Result<Buffer> SegmentCache::host_buffer(std::uint64_t bytes) {
+  const auto fits = std::find_if(spare_.begin(), spare_.end(),
+                                 [&](const Buffer& buffer) { return buffer.bytes() >= bytes; });
+  Buffer buffer;
+  if (fits != spare_.end()) {
+    buffer = std::move(*fits);
+    spare_.erase(fits);
+  } else {
+    STGS_TRY(buffer.create(*device_, bytes, Place::kHost));
+  }
+  return buffer;
+}
+
 Status SegmentCache::send_piece(const Gaussians4D& set, std::size_t first, Piece& piece) {
   const std::uint64_t bytes = packed_bytes(piece.primitives, sh_degree());
-  STGS_TRY(staging_.ensure(*device_, bytes, Place::kHost));
-  pack_segment(set, first, piece.primitives, sh_degree(), staging_.mapped());
-  STGS_ASSIGN(const Room room, memory_.take(bytes));
-  const auto copy = [&]() -> Status {
-    VkCommandBuffer commands = VK_NULL_HANDLE;
-    STGS_TRY(device_->begin(&commands));
-    // What frames on their way read of the block.
-    barrier(*device_, commands);
-    const VkBufferCopy region{0, room.offset, bytes};
-    device_->vk.vkCmdCopyBuffer(commands, staging_.handle(), memory_.buffer(room.block), 1,
+  STGS_ASSIGN(Buffer from, host_buffer(bytes));
+  pack_segment(set, first, piece.primitives, sh_degree(), from.mapped());
+  STGS_ASSIGN(piece.room, memory_.take(bytes));
+  copies_.push_back({piece.room, std::move(from)});
+  waiting_ += piece.room.bytes;
+  return waiting_ > kWaiting ? copy_now() : Status();
+}
+
+Status SegmentCache::copy_now() {
+  VkCommandBuffer commands = VK_NULL_HANDLE;
+  STGS_TRY(device_->begin(&commands));
+  barrier(*device_, commands);  // what frames on their way read of the blocks
+  record_copies(commands);
+  STGS_TRY(device_->finish(commands));
+  take_back(take_copied());
+  return {};
+}
+
+void SegmentCache::record_copies(VkCommandBuffer commands) const {
+  for (const Copy& copy : copies_) {
+    const VkBufferCopy region{0, copy.room.offset, copy.room.bytes};
+    device_->vk.vkCmdCopyBuffer(commands, copy.from.handle(), memory_.buffer(copy.room.block), 1,
                                 &region);
-    barrier(*device_, commands);
-    return device_->finish(commands);
-  };
-  const Status status = copy();
-  if (!status.ok()) memory_.give_back(room);
-  piece.room = room;
-  return status;
+  }
+  if (!copies_.empty()) barrier(*device_, commands);
+}
+
+std::vector<Buffer> SegmentCache::take_copied() {
+  std::vector<Buffer> buffers;
+  for (Copy& copy : copies_) buffers.push_back(std::move(copy.from));
+  copies_.clear();
+  waiting_ = 0;
+  return buffers;
+}
+
+void SegmentCache::take_back(std::vector<Buffer> buffers) {
+  std::uint64_t bytes = 0;
+  for (const Buffer& buffer : spare_) bytes += buffer.bytes();
+  for (Buffer& buffer : buffers) {
+    bytes += buffer.bytes();
+    if (bytes <= kWaiting) spare_.push_back(std::move(buffer));
+  }
 }
 
 }  // namespace stgs::player::vulkan

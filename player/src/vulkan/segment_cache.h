@@ -19,7 +19,9 @@ struct Piece {
   std::uint32_t primitives = 0;
 };
 
-// One thread; the device outlives it.
+// What hold() sends waits, up to some MiB, to be copied by the commands of the frame that needs it,
+// so that the host waits for nothing. Frames on their way may use what it drops: copies come after
+// them in the queue. One thread; the device outlives it.
 class SegmentCache final : public DeviceSegments {
  public:
   SegmentCache() = default;
@@ -32,6 +34,12 @@ class SegmentCache final : public DeviceSegments {
   // Of one that the last call of hold() gave.
   const std::vector<Piece>& at(std::uint32_t segment) const { return resident_.at(segment); }
   const SegmentMemory& memory() const { return memory_; }
+  // The copies that wait, at the beginning of a frame's commands and after those of all before.
+  void record_copies(VkCommandBuffer commands) const;
+  // Once those commands are submitted: buffers that must last until they have ended, then
+  // take_back() has use for them.
+  std::vector<Buffer> take_copied();
+  void take_back(std::vector<Buffer> buffers);
 
  private:
   Status begin(const SceneReader& reader) override;
@@ -40,13 +48,21 @@ class SegmentCache final : public DeviceSegments {
   Status send(std::uint32_t segment, const Gaussians4D& set) override;
   void release(std::uint32_t segment) override;
 
+  struct Copy {
+    Room room;
+    Buffer from;
+  };
   void give_back(const std::vector<Piece>& pieces);
-  // Sends primitives from `first` on, and waits.
+  // Sends primitives from `first` on.
   Status send_piece(const Gaussians4D& set, std::size_t first, Piece& piece);
+  Result<Buffer> host_buffer(std::uint64_t bytes);
+  Status copy_now();
 
   Device* device_ = nullptr;
   SegmentMemory memory_;
-  Buffer staging_;
+  std::vector<Copy> copies_;   // that wait
+  std::uint64_t waiting_ = 0;  // bytes of them
+  std::vector<Buffer> spare_;
   std::map<std::uint32_t, std::vector<Piece>> resident_;
 };
 

@@ -105,7 +105,7 @@ class ComputeRenderer final : public VulkanRenderer {
       STGS_TRY(make_room(views, &to));
       STGS_TRY(record(views, &to, slot));
       for (std::size_t i = 0; i < views.size(); ++i) hand_over(pictures_[i], to.targets[i], slot);
-      STGS_TRY(slot.submit(to.wait, to.signal));
+      STGS_TRY(start(slot, to.wait, to.signal));
       slot.number = ++number_;
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
@@ -259,6 +259,8 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Status record(const std::vector<View>& views, const VulkanSubmission* to, FrameSlot& slot) {
     STGS_TRY(slot.begin());
+    segments_.take_back(std::exchange(slot.copied, {}));
+    segments_.record_copies(slot.draw());
     slot.capacity = capacity();
     const FrameInput input = input_of(views);
     std::vector<PictureBuffers> pictures;
@@ -267,6 +269,13 @@ class ComputeRenderer final : public VulkanRenderer {
     }
     const FrameWork work{&input, parts_, blocks_, sh_degree_, pictures, slot.told(), slot.times()};
     return slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw());
+  }
+
+  Status start(FrameSlot& slot, std::span<const VulkanSemaphore> wait,
+               std::span<const VulkanSemaphore> signal) {
+    STGS_TRY(slot.submit(wait, signal));
+    slot.copied = segments_.take_copied();
+    return {};
   }
 
   void hand_over(const Picture& picture, const VulkanTarget& to, const FrameSlot& slot) {
@@ -287,7 +296,7 @@ class ComputeRenderer final : public VulkanRenderer {
     for (;;) {
       STGS_TRY(make_room(views, nullptr));
       STGS_TRY(record(views, nullptr, slot));
-      STGS_TRY(slot.submit({}, {}));
+      STGS_TRY(start(slot, {}, {}));
       STGS_TRY(slot.wait());
       const std::uint64_t listed = slot.counts().instances;
       if (listed <= slot.capacity) return count(slot);

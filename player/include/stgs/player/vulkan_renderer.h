@@ -78,8 +78,8 @@ struct VulkanFrame {
   RenderStats stats;
 };
 
-// As Renderer: one thread at a time. Its calls use the queue, also to bring segments to the device,
-// for which they wait.
+// As Renderer: one thread at a time. What a frame needs and the device lacks is sent with it; only
+// where that is much, as at the beginning, a call waits for it.
 class VulkanRenderer : public Renderer {
  public:
   // Frames on their way at most; one more waits until the oldest has ended.
