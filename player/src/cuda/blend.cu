@@ -73,21 +73,16 @@ __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& v
   to[4 * plane] = alpha > 0.0f ? pixel.depth / alpha : 0.0f;
 }
 
-__device__ const ViewInput& view_of(const FrameInput& frame, std::uint32_t tile) {
-  std::uint32_t v = 0;
-  while (v + 1 < frame.view_count && tile >= frame.views[v + 1].first_tile) ++v;
-  return frame.views[v];
-}
-
+// A block draws the tile blockIdx.x of the view blockIdx.y, where there is one.
 template <bool kCount>
 __global__ void __launch_bounds__(kWarps * 32)
     blend(const FrameInput* input, const uint2* ranges, const std::uint32_t* list,
           const ScreenSplat* splats, Counters* counters) {
   __shared__ Quad stages[kWarps][32];
   const int warp = static_cast<int>(threadIdx.x / 32), lane = static_cast<int>(threadIdx.x & 31);
-  const ViewInput& view = view_of(*input, blockIdx.x);
+  const ViewInput& view = input->views[blockIdx.y];
   const int width = view.width, height = view.height, tiles_x = view.tiles_x;
-  const int tile = static_cast<int>(blockIdx.x - view.first_tile);
+  const int tile = static_cast<int>(blockIdx.x);
   const int x0 = tile % tiles_x * kTilePixels + warp % 2 * kSide;
   const int y0 = tile / tiles_x * kTilePixels + warp / 2 * kSide;
   if (x0 >= width || y0 >= height) return;  // the whole warp; no barrier of the block follows
@@ -110,7 +105,7 @@ __global__ void __launch_bounds__(kWarps * 32)
                  0.0f};
   }
 
-  const uint2 range = ranges[blockIdx.x];
+  const uint2 range = ranges[view.first_tile + blockIdx.x];
   unsigned evaluations = 0, contributions = 0;  // of the lane, where they are counted
   // A splat is asked for one batch ahead, its number two.
   Quad next{};
@@ -152,9 +147,9 @@ __global__ void __launch_bounds__(kWarps * 32)
 
 }  // namespace
 
-void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, bool count,
-                  cudaStream_t stream) {
-  launch(count ? blend<true> : blend<false>, tiles, kWarps * 32, stream, input,
+void launch_blend(const FrameInput* input, unsigned tiles, unsigned views, const Workspace& w,
+                  bool count, cudaStream_t stream) {
+  launch(count ? blend<true> : blend<false>, dim3(tiles, views), kWarps * 32, stream, input,
          static_cast<const uint2*>(w.tile_ranges),
          static_cast<const std::uint32_t*>(w.tile_splats[w.tile_passes % 2]),
          static_cast<const ScreenSplat*>(w.splats), w.counters);

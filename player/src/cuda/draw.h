@@ -26,6 +26,7 @@ inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
 // A splat's number has the bits below this one where its view has those from it on.
 inline constexpr int kViewShift = 30;
 inline constexpr std::uint64_t kMaxSplats = std::uint64_t{1} << kViewShift;
+static_assert(kMostViews <= 1 << (32 - kViewShift));
 
 // Successive primitives that are drawn at the same moment of their time.
 struct Part {
@@ -135,9 +136,9 @@ void launch_list(const FrameInput* input, const Workspace& w, const Grids& grids
 // The instances by tile, each tile's in the order of depth, in tile_splats[tile_passes % 2];
 // tile_ranges.
 void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// The pictures of all views, tile after tile. spec/representation.md, 5. `count`: what it does too,
-// which takes longer.
-void launch_blend(const FrameInput* input, unsigned tiles, const Workspace& w, bool count,
-                  cudaStream_t stream);
+// The pictures of all views, each of `tiles` at most. spec/representation.md, 5. `count`: what it
+// does too, which takes longer.
+void launch_blend(const FrameInput* input, unsigned tiles, unsigned views, const Workspace& w,
+                  bool count, cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

@@ -45,8 +45,9 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
   Made made;
   made.generation = buffers.generation();
   made.sh_degree = sh_degree;
-  made.several = views.size() > 1;
+  made.views = static_cast<std::uint32_t>(views.size());
   made.tiles = tiles_of(views);
+  for (const View& view : views) made.most_tiles = std::max(made.most_tiles, tiles_of(view));
   made.parts = std::max(std::bit_ceil(parts.size() + 1), now_.parts);
   place_pictures(views);
   STGS_TRY(make_room(made));
@@ -150,7 +151,7 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Tell
   STGS_TRY(told(kClear));
   launch_select(input, w, grids, stream);
   STGS_TRY(told(kSelect));
-  launch_project(now_.sh_degree, now_.several, input, w, grids, stream);
+  launch_project(now_.sh_degree, now_.views > 1, input, w, grids, stream);
   STGS_TRY(told(kProject));
   launch_depth_sort(w, grids, stream);
   STGS_TRY(told(kDepthSort));
@@ -158,7 +159,7 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Tell
   STGS_TRY(told(kList));
   launch_tile_sort(w, grids, stream);
   STGS_TRY(told(kTileSort));
-  launch_blend(input, now_.tiles, w, all, stream);
+  launch_blend(input, now_.most_tiles, now_.views, w, all, stream);
   STGS_TRY(told(kBlend));
   STGS_TRY(cuda_status(cudaGetLastError(), "starting the steps of a frame"));
   return cuda_status(cudaMemcpyAsync(counted_.data(), w.counters, sizeof(Counters),

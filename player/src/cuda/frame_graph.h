@@ -34,9 +34,9 @@ class FrameGraph {
   struct Made {
     std::uint64_t generation = 0;  // of the buffers; 0: there is none
     int sh_degree = 0;
-    bool several = false;  // views
-    std::uint32_t tiles = 0;
-    std::size_t parts = 0;  // that the input has room for
+    std::uint32_t views = 0, tiles = 0;
+    std::uint32_t most_tiles = 0;  // of a view
+    std::size_t parts = 0;         // that the input has room for
     bool operator==(const Made&) const = default;
   };
   // Where a picture lies, bytes from the beginning of all of them.

@@ -8,7 +8,7 @@ namespace stgs::player::cuda {
 
 // An error is cudaGetLastError's.
 template <typename... Parameters, typename... Arguments>
-void launch(void (*kernel)(Parameters...), unsigned blocks, unsigned threads, cudaStream_t stream,
+void launch(void (*kernel)(Parameters...), dim3 blocks, unsigned threads, cudaStream_t stream,
             Arguments... arguments) {
   kernel<<<blocks, threads, 0, stream>>>(arguments...);
 }
