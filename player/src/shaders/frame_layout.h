@@ -23,7 +23,7 @@ STGS_LAYOUT_BEGIN
 
 const int kTilePixels = 16;    // width and height, as kTileSize of raster.h
 const uint kGroup = 256u;      // invocations of a workgroup, and primitives of a chunk
-const uint kSortTile = 4096u;  // keys that a workgroup sorts
+const uint kSortTile = 2048u;  // keys that a workgroup sorts
 const uint kScanTile = 2048u;  // numbers that a workgroup sums
 const uint kDigits = 256u;     // of a pass of the sort
 const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
@@ -64,19 +64,16 @@ struct FrameInput {
 // z, and how many items there are.
 const uint kWorkScanChunks = 0u;       // items: chunks of all views
 const uint kWorkSortDepth = 1u;        // visible splats
-const uint kWorkScanDepthDigits = 2u;  // kDigits a workgroup of the sort
-const uint kWorkCountTiles = 3u;       // visible splats
-const uint kWorkScanTiles = 4u;        // visible splats
-const uint kWorkListTiles = 5u;        // visible splats
-const uint kWorkSortTiles = 6u;        // listed instances
-const uint kWorkScanTileDigits = 7u;   // kDigits a workgroup of the sort
-const uint kWorkFindRanges = 8u;       // listed instances
-const uint kWorks = 9u;
+const uint kWorkCountTiles = 2u;       // visible splats
+const uint kWorkScanTiles = 3u;        // visible splats
+const uint kWorkListTiles = 4u;        // visible splats
+const uint kWorkSortTiles = 5u;        // listed instances
+const uint kWorkFindRanges = 6u;       // listed instances
+const uint kWorks = 7u;
 
 // What scan_sums does with the total.
-const uint kTotalOfDigits = 0u;   // nothing
-const uint kTotalVisible = 1u;    // the work up to listing
-const uint kTotalInstances = 2u;  // the work after that
+const uint kTotalVisible = 0u;    // the work up to listing
+const uint kTotalInstances = 1u;  // the work after that
 
 // What the blend writes of a picture.
 const uint kPixelPlanes = 0u;  // floats, a plane a channel

@@ -22,7 +22,11 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
 
 // Rows of tiles that an invocation goes through alone; a splat with more is the workgroup's.
 const int kAlone = 8;
+// Instances of a workgroup that go through shared memory, from where they are written side by side.
+const uint kStage = 4096u;
 
+shared uint stage[kStage];  // tile, and the splat's invocation in the lower eight bits
+shared uint splats[kGroup];
 shared uint large[kGroup];  // ranks
 shared uint large_count;
 
@@ -36,13 +40,29 @@ void write_instance(uint to, uint tile, uint splat) {
   values[to] = splat;
 }
 
+// An instance of the splat of invocation `of`; `first` is the workgroup's first place.
+void put(bool staged, uint first, uint to, uint tile, uint of) {
+  if (staged) {
+    stage[to - first] = tile << 8u | of;
+  } else {
+    write_instance(to, tile, splats[of]);
+  }
+}
+
 void main() {
   uint thread = gl_LocalInvocationIndex;
-  uint rank = group_number() * kGroup + thread;
+  uint first_rank = group_number() * kGroup, rank = first_rank + thread;
+  if (first_rank >= visible) return;
+  uint first = place_of(first_rank);
+  uint end = first_rank + kGroup < visible ? place_of(first_rank + kGroup) : instances;
+  if (first >= listed) return;
+  // Sums that stopped at the most that is counted say nothing of what lies between them.
+  bool staged = end - first <= kStage && end < kManyInstances;
   if (thread == 0u) large_count = 0u;
   barrier();
   if (rank < visible) {
     uint splat = order[rank];
+    splats[thread] = splat;
     Footprint f = footprint_of(splat);
     if (f.rows > kAlone) {
       large[atomicAdd(large_count, 1u)] = rank;
@@ -51,21 +71,26 @@ void main() {
       for (int r = 0; r < f.rows; ++r) {
         ivec2 span = span_of(f, f.row + r);
         uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
-        for (uint k = 0u; k < uint(span.y); ++k, ++to) write_instance(to, tile + k, splat);
+        for (uint k = 0u; k < uint(span.y); ++k, ++to) put(staged, first, to, tile + k, thread);
       }
     }
   }
   barrier();
   for (uint one = 0u; one < large_count; ++one) {
-    uint splat = order[large[one]], to = place_of(large[one]);
+    uint owner = large[one] - first_rank, splat = splats[owner], to = place_of(large[one]);
     Footprint f = footprint_of(splat);
     for (int r = 0; r < f.rows; ++r) {
       ivec2 span = span_of(f, f.row + r);
       uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
       for (uint k = thread; k < uint(span.y); k += kGroup) {
-        write_instance(to + k, tile + k, splat);
+        put(staged, first, to + k, tile + k, owner);
       }
       to += uint(span.y);
     }
+  }
+  if (!staged) return;
+  barrier();
+  for (uint k = thread; k < end - first; k += kGroup) {
+    write_instance(first + k, stage[k] >> 8u, splats[stage[k] & 0xFFu]);
   }
 }

@@ -16,14 +16,9 @@ uvec4 work_for(uint items, uint each) {
   return uvec4(min(groups, kGroupsX), (groups + kGroupsX - 1u) / kGroupsX, 1u, items);
 }
 
-uint sorters(uint keys) {
-  return (keys + kSortTile - 1u) / kSortTile;
-}
-
 void plan_visible(uint count) {
   visible = count;
   work[kWorkSortDepth] = work_for(count, kSortTile);
-  work[kWorkScanDepthDigits] = work_for(sorters(count) * kDigits, kScanTile);
   work[kWorkCountTiles] = work_for(count, kGroup);
   work[kWorkScanTiles] = work_for(count, kScanTile);
 }
@@ -34,7 +29,6 @@ void plan_instances(uint count) {
   listed = fitting;
   work[kWorkListTiles] = work_for(fitting > 0u ? visible : 0u, kGroup);
   work[kWorkSortTiles] = work_for(fitting, kSortTile);
-  work[kWorkScanTileDigits] = work_for(sorters(fitting) * kDigits, kScanTile);
   work[kWorkFindRanges] = work_for(fitting, kGroup);
 }
 

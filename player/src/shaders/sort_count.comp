@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How many keys of each workgroup's kSortTile have each digit; by digit, then by workgroup.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
@@ -17,7 +18,7 @@ void main() {
   if (first >= n) return;
   counts[thread] = 0u;
   barrier();
-  for (uint k = thread; k < kSortTile; k += kGroup) {
+  [[unroll]] for (uint k = thread; k < kSortTile; k += kGroup) {
     if (first + k < n) atomicAdd(counts[keys[first + k] >> push.shift & (kDigits - 1u)], 1u);
   }
   barrier();

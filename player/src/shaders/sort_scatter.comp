@@ -2,11 +2,13 @@
 // Moves each workgroup's kSortTile keys to their places, in the order in which they are. Workgroups
 // wait for none: a kernel before has counted what all of them have.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #if STGS_BALLOT
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
 #include "frame.glsl"
+#include "scan.glsl"
 
 layout(local_size_x = 256) in;
 layout(std430, set = 1, binding = 0) readonly buffer KeyBuffer {
@@ -28,6 +30,7 @@ layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
 const uint kLanes = 32u;  // bits of a word
 #endif
 const uint kWords = kGroup / kLanes;
+const uint kEach = kSortTile / kGroup;  // keys of an invocation
 
 // Of the keys that are moved at once, a bit each where it has the digit.
 shared uint having[kDigits * kWords];
@@ -61,32 +64,36 @@ void main() {
   uint first = group * kSortTile;
   if (first >= n) return;
   uint groups = (n + kSortTile - 1u) / kSortTile;
-  uint place = thread * groups + group;
-  places[thread] = digit_places[place] + digit_sums[place / kScanTile];
+  uint total;
+  places[thread] =
+      digit_places[thread * groups + group] + sum_before(thread, digit_sums[thread], total);
   for (uint k = 0u; k < kWords; ++k) having[thread * kWords + k] = 0u;
   barrier();
-  uint end = min(first + kSortTile, n);
-  for (uint at = first; at < end; at += kGroup) {
-    uint i = at + thread;
-    bool there = i < end;
-    uint key = there ? keys[i] : 0u;
-    uint value = there ? values[i] : 0u;
-    uint digit = key >> push.shift & (kDigits - 1u);
+  // All are asked for at once: what is waited for is memory.
+  uint own_keys[kEach], own_values[kEach];
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uint i = first + k * kGroup + thread;
+    own_keys[k] = i < n ? keys[i] : 0u;
+    own_values[k] = i < n ? values[i] : 0u;
+  }
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    bool there = first + k * kGroup + thread < n;
+    uint key = own_keys[k], digit = key >> push.shift & (kDigits - 1u);
     tell(digit, there, thread);
     barrier();
     if (there) {
       uint word = thread / kLanes;
       uint to = places[digit];
-      for (uint k = 0u; k < word; ++k) to += uint(bitCount(having[digit * kWords + k]));
+      for (uint w = 0u; w < word; ++w) to += uint(bitCount(having[digit * kWords + w]));
       to += uint(bitCount(having[digit * kWords + word] & ((1u << (thread % kLanes)) - 1u)));
       keys_out[to] = key;
-      values_out[to] = value;
+      values_out[to] = own_values[k];
     }
     barrier();
     uint more = 0u;
-    for (uint k = 0u; k < kWords; ++k) {
-      more += uint(bitCount(having[thread * kWords + k]));
-      having[thread * kWords + k] = 0u;
+    for (uint w = 0u; w < kWords; ++w) {
+      more += uint(bitCount(having[thread * kWords + w]));
+      having[thread * kWords + w] = 0u;
     }
     places[thread] += more;
     barrier();

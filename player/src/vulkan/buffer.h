@@ -44,5 +44,8 @@ class Buffer {
 
 // All that was commanded before is done and visible to all that follows, the host included.
 void barrier(const Device& device, VkCommandBuffer commands);
+// What shaders wrote is visible to shaders, and to dispatches that take their size from it. The
+// host and copies are left out: for them a device may write back what shaders soon read again.
+void shader_barrier(const Device& device, VkCommandBuffer commands);
 
 }  // namespace stgs::player::vulkan

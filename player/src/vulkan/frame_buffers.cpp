@@ -43,7 +43,7 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
   STGS_TRY(room(tile_ranges, need.tiles, 8));
   const std::uint64_t digits = kDigits * ceil_of(std::max(splat_count, instances), kSortTile);
   STGS_TRY(room(digit_places, digits, 4));
-  return room(digit_sums, ceil_of(digits, kScanTile), 4);
+  return room(digit_sums, kDigits, 4);
 }
 
 }  // namespace stgs::player::vulkan

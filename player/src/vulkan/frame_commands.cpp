@@ -180,7 +180,7 @@ class FrameCommands::Recorder {
     use(shader, push);
     device_.vk.vkCmdDispatch(commands_, std::min(groups, kGroupsX), groups_for(groups, kGroupsX),
                              1);
-    barrier(device_, commands_);
+    shader_barrier(device_, commands_);
   }
 
   // As many groups as the device has found.
@@ -191,7 +191,7 @@ class FrameCommands::Recorder {
     use(shader, push);
     device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
                                      sizeof(Counts) + work * kWorkBytes);
-    barrier(device_, commands_);
+    shader_barrier(device_, commands_);
   }
 
   Status scan(std::uint32_t work, const Buffer& items, const Buffer& sums, std::uint32_t total) {
@@ -224,22 +224,23 @@ class FrameCommands::Recorder {
 
   // One pass: from [pass % 2] to the other.
   Status sort(int pass, const std::array<Buffer, 2>& keys, const std::array<Buffer, 2>& values,
-              std::uint32_t sorted, std::uint32_t scanned) {
+              std::uint32_t sorted) {
     const std::size_t from = static_cast<std::size_t>(pass) % 2, to = 1 - from;
     const StageBuffers buffers = {keys[from].handle(), values[from].handle(), keys[to].handle(),
                                   values[to].handle()};
     const auto shift = static_cast<std::uint32_t>(8 * pass);
     STGS_TRY(stage(buffers));
     dispatch_found(Shader::kSortCount, sorted, shift);
-    STGS_TRY(scan(scanned, b_.digit_places, b_.digit_sums, kTotalOfDigits));
-    STGS_TRY(stage(buffers));
+    Push push{};
+    push.work = sorted;
+    dispatch(Shader::kScanDigits, push, kDigits);
     dispatch_found(Shader::kSortScatter, sorted, shift);
     return {};
   }
 
   Status bin() {
     for (int pass = 0; pass < kDepthPasses; ++pass) {
-      STGS_TRY(sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth, kWorkScanDepthDigits));
+      STGS_TRY(sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth));
     }
     const StageBuffers listing = {b_.depth_keys[0].handle(), b_.orders[0].handle(),
                                   b_.tile_keys[0].handle(), b_.tile_splats[0].handle()};
@@ -249,7 +250,7 @@ class FrameCommands::Recorder {
     STGS_TRY(stage(listing));
     dispatch_found(Shader::kListTiles, kWorkListTiles);
     for (int pass = 0; pass < tile_passes(tiles()); ++pass) {
-      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles, kWorkScanTileDigits));
+      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles));
     }
     const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
     STGS_TRY(stage({keys, keys, keys, keys}));

@@ -18,6 +18,9 @@ constexpr std::uint32_t kScanItemsCode[] = {
 constexpr std::uint32_t kScanSumsCode[] = {
 #include "scan_sums.spv.inc"
 };
+constexpr std::uint32_t kScanDigitsCode[] = {
+#include "scan_digits.spv.inc"
+};
 constexpr std::uint32_t kCompactCode[] = {
 #include "compact.spv.inc"
 };
@@ -42,6 +45,11 @@ constexpr std::uint32_t kFindRangesCode[] = {
 constexpr std::uint32_t kBlendCode[] = {
 #include "blend.spv.inc"
 };
+constexpr std::uint32_t kBlendBallotCode[] = {
+#include "blend_ballot.spv.inc"
+};
+
+constexpr std::uint32_t kQuarters = 4;  // of a tile, a subgroup each, in blend_ballot.comp
 
 std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
   switch (shader) {
@@ -52,6 +60,8 @@ std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
       return kScanItemsCode;
     case Shader::kScanSums:
       return kScanSumsCode;
+    case Shader::kScanDigits:
+      return kScanDigitsCode;
     case Shader::kCompact:
       return kCompactCode;
     case Shader::kSortCount:
@@ -66,6 +76,7 @@ std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
     case Shader::kFindRanges:
       return kFindRangesCode;
     default:
+      if (ballot) return kBlendBallotCode;
       return kBlendCode;
   }
 }
@@ -135,11 +146,12 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
       vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
                 "loading a shader"));
   const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
-  const std::uint32_t numbers[] = {projects ? static_cast<std::uint32_t>(sh_degree) : lanes,
-                                   shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE};
+  const std::uint32_t numbers[] = {
+      projects ? static_cast<std::uint32_t>(sh_degree) : lanes,
+      projects ? shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE : kQuarters * lanes};
   const VkSpecializationMapEntry entries[] = {{0, 0, sizeof(numbers[0])},
                                               {1, sizeof(numbers[0]), sizeof(numbers[1])}};
-  const VkSpecializationInfo constants{projects ? 2u : 1u, entries, sizeof(numbers), numbers};
+  const VkSpecializationInfo constants{2, entries, sizeof(numbers), numbers};
   auto info =
       structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.stage = structure<VkPipelineShaderStageCreateInfo>(
@@ -147,9 +159,7 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
   info.stage.module = module;
   info.stage.pName = "main";
-  if (projects || (shader == Shader::kSortScatter && lanes != 0)) {
-    info.stage.pSpecializationInfo = &constants;
-  }
+  if (projects || lanes != 0) info.stage.pSpecializationInfo = &constants;
   info.layout = layout_;
   const VkResult result =
       device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);

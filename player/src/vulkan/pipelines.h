@@ -17,6 +17,7 @@ enum class Shader {
   kProjectSeveral,  // views
   kScanItems,
   kScanSums,
+  kScanDigits,
   kCompact,
   kSortCount,
   kSortScatter,
@@ -25,7 +26,7 @@ enum class Shader {
   kFindRanges,
   kBlend,
 };
-inline constexpr std::size_t kShaders = 11;
+inline constexpr std::size_t kShaders = 12;
 
 // The device outlives it.
 class Pipelines {

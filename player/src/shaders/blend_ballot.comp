@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// Blending, nearest first, where subgroups are known: each draws a quarter of a tile, 8 x 8 pixels,
+// by itself, without a barrier of the workgroup. It takes the tile's list a splat a lane, keeps
+// those whose ellipse meets its pixels, and goes through these.
+#version 450
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#include "frame.glsl"
+
+// After frame.glsl, on which they build.
+#include "footprint.glsl"
+#include "stgs/format/math/blend.h"
+#include "write_pixel.glsl"
+
+layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
+layout(local_size_x_id = 1) in;                   // kQuarters subgroups
+layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
+  uint list[];
+};
+
+const uint kQuarters = 4u;
+const uint kSide = 8u;                        // pixels of a quarter, width and height
+const uint kMostLanes = 32u, kMostEach = 4u;  // pixels of a lane, below each other
+const uint kEach = kSide * kSide / kLanes;
+const uint kStep = kSide / kEach;  // rows between them
+const float kFinished = 1e30f;     // a threshold that no alpha reaches
+
+shared vec4 stage_a[kQuarters * kMostLanes], stage_b[kQuarters * kMostLanes],
+    stage_c[kQuarters * kMostLanes];
+
+float threshold[kMostEach];  // log2 of the least alpha that is drawn, or kFinished
+float transmittance[kMostEach];
+vec4 sums[kMostEach];
+
+void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
+  float dx = first.x - a.x;
+  float along = fma(a.z * dx, dx, b.y), cross_ = a.w * dx;
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    float dy = first.y + float(k * kStep) - a.y;
+    float log2_alpha = min(b.y, fma(dy, fma(b.x, dy, cross_), along));
+    if (log2_alpha < threshold[k]) continue;
+    float alpha = min(kAlphaMax, exp2(log2_alpha));
+    float after = transmittance[k] * (1.0f - alpha);
+    if (after < kTransmittanceMin) {
+      threshold[k] = kFinished;
+      continue;
+    }
+    sums[k] = fma(vec4(alpha * transmittance[k]), c, sums[k]);
+    transmittance[k] = after;
+  }
+}
+
+void main() {
+  uint quarter = gl_SubgroupID, lane = gl_SubgroupInvocationID, stage = quarter * kMostLanes;
+  uvec2 corner = gl_WorkGroupID.xy * uint(kTilePixels) + uvec2(quarter % 2u, quarter / 2u) * kSide;
+  uint v = push.view;
+  uvec2 size = uvec2(frame.view[v].width, frame.view[v].height);
+  if (corner.x >= size.x || corner.y >= size.y) return;
+  uvec2 pixel = corner + uvec2(lane % kSide, lane / kSide);
+  vec2 centre = vec2(pixel) + 0.5f;
+  vec2 low = vec2(corner) + 0.5f, high = vec2(min(corner + kSide, size)) - 0.5f;
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    bool inside = pixel.x < size.x && pixel.y + k * kStep < size.y;
+    threshold[k] = inside ? kLog2Threshold : kFinished;
+    transmittance[k] = 1.0f;
+    sums[k] = vec4(0.0f);
+  }
+  uvec2 range = tile_ranges[frame.view[v].first_tile +
+                            gl_WorkGroupID.y * uint(frame.view[v].tiles_x) + gl_WorkGroupID.x];
+  // A splat is asked for one batch ahead, its number two.
+  vec4 a = vec4(0.0f), b = vec4(0.0f), c = vec4(0.0f);
+  uint number = 0u;
+  if (range.x + lane < range.y) {
+    uint splat = list[range.x + lane];
+    a = splat_a[splat];
+    b = splat_b[splat];
+    c = splat_c[splat];
+  }
+  if (range.x + kLanes + lane < range.y) number = list[range.x + kLanes + lane];
+  for (uint at = range.x; at < range.y; at += kLanes) {
+    bool unfinished = false;
+    [[unroll]] for (uint k = 0u; k < kEach; ++k) unfinished =
+        unfinished || threshold[k] != kFinished;
+    if (subgroupBallot(unfinished).x == 0u) break;
+    bool met = at + lane < range.y && meets(a, b, low, high);
+    uvec4 hits = subgroupBallot(met);
+    if (met) {
+      uint to = stage + subgroupBallotExclusiveBitCount(hits);
+      stage_a[to] = a;
+      stage_b[to] = b;
+      stage_c[to] = c;
+    }
+    subgroupBarrier();
+    if (at + kLanes + lane < range.y) {
+      a = splat_a[number];
+      b = splat_b[number];
+      c = splat_c[number];
+    }
+    if (at + 2u * kLanes + lane < range.y) number = list[at + 2u * kLanes + lane];
+    uint count = subgroupBallotBitCount(hits);
+    for (uint k = stage; k < stage + count; ++k) {
+      blend_splat(centre, stage_a[k], stage_b[k], stage_c[k]);
+    }
+    subgroupBarrier();
+  }
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uvec2 to = uvec2(pixel.x, pixel.y + k * kStep);
+    if (to.x < size.x && to.y < size.y) write_pixel(to.x, to.y, sums[k], transmittance[k]);
+  }
+}
