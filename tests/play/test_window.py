@@ -127,7 +127,7 @@ class WindowTest(unittest.TestCase):
     def window_of(self, name):
         """Its number, once it is there, with the mouse in it: without a window manager the keys go
         where the mouse is."""
-        for _ in range(200):
+        for _ in range(1000):
             found = self.xdotool("search", "--name", name).stdout.split()
             if found:
                 self.xdotool("mousemove", "--window", found[0], 300, 200)
@@ -145,7 +145,7 @@ class WindowTest(unittest.TestCase):
             self.xdotool("mousemove_relative", 20, 4)
             time.sleep(0.1)
         self.xdotool("mouseup", 1, "key", "F1", "key", "p")
-        for _ in range(200):
+        for _ in range(1000):
             if os.path.exists(self.path("stgs-001.png")):
                 break
             time.sleep(0.05)
@@ -169,7 +169,7 @@ class WindowTest(unittest.TestCase):
             self.xdotool("key", "Escape")
             _, error = process.communicate(timeout=60)
             self.assertEqual(process.returncode, 0, error)
-            self.assertLess(time.monotonic() - begin, 5)
+            self.assertLess(time.monotonic() - begin, 8)  # connections give up after 10
 
     def test_an_interrupt_ends_it(self):
         process = self.start("scene.stgs", "--loop")

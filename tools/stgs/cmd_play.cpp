@@ -23,7 +23,8 @@ class Play final : public Command {
         "the wheel goes nearer. The bar at the bottom shows what has come, and seeks.\n"
         "Keys: space pause, left and right a frame (with shift a second), up and down speed,\n"
         "home and end, L loop, W A S D E Q fly (shift: faster), R back to the start camera,\n"
-        "F1 hides all but the scene, P or F12 writes a screenshot, escape closes.",
+        "F1 hides all but the scene, P or F12 writes a screenshot (stgs-001.png and so on),\n"
+        "escape closes.",
         "  stgs play scene.stgs --loop\n"
         "  stgs play https://example.org/scene.stgs --size 1920x1080\n"
         "  stgs play scene.stgs --time 0.5 --paused --screenshot window.png"};

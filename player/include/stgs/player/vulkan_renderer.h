@@ -95,7 +95,8 @@ class VulkanRenderer : public Renderer {
                                        const VulkanSubmission& to) = 0;
   // The latest frame that has ended, without waiting.
   virtual Result<VulkanFrame> last_ended() = 0;
-  // Waits until all frames have ended. The destructor does.
+  // Waits until all frames have ended, and so for the semaphores that they wait for. The destructor
+  // does.
   virtual Status wait() = 0;
 };
 
