@@ -62,13 +62,13 @@ struct FrameInput {
 
 // Work whose extent the device finds: rows of four numbers, the groups of a dispatch along x, y and
 // z, and how many items there are.
-const uint kWorkScanChunks = 0u;       // items: chunks of all views
-const uint kWorkSortDepth = 1u;        // visible splats
-const uint kWorkCountTiles = 2u;       // visible splats
-const uint kWorkScanTiles = 3u;        // visible splats
-const uint kWorkListTiles = 4u;        // visible splats
-const uint kWorkSortTiles = 5u;        // listed instances
-const uint kWorkFindRanges = 6u;       // listed instances
+const uint kWorkScanChunks = 0u;  // items: chunks of all views
+const uint kWorkSortDepth = 1u;   // visible splats
+const uint kWorkCountTiles = 2u;  // visible splats
+const uint kWorkScanTiles = 3u;   // visible splats
+const uint kWorkListTiles = 4u;   // visible splats
+const uint kWorkSortTiles = 5u;   // listed instances
+const uint kWorkFindRanges = 6u;  // listed instances
 const uint kWorks = 7u;
 
 // What scan_sums does with the total.
