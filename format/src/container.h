@@ -100,9 +100,9 @@ struct SegmentEntry {
 
 // A part of the index (spec 5.3).
 struct PartEntry {
-  double begin = 0, end = 0;        // ticks
-  std::uint64_t skip = 0;           // bytes between the records of the part before and its own
-  std::optional<Moments> cut = {};  // what of it is shown, where that is not all
+  double begin = 0, end = 0;          // ticks
+  std::uint64_t skip = 0;             // bytes between the records of the part before and its own
+  std::optional<TickRange> cut = {};  // what of it is shown, where that is not all
 };
 
 // A further record of a segment (spec 5.13).
@@ -121,7 +121,7 @@ struct FileIndex {
   std::uint64_t primitives = 0;
   std::vector<SegmentEntry> segments;
   std::vector<AttributeBytes> attributes;
-  std::vector<FurtherEntry> further;  // of contents that this version does not know
+  std::vector<FurtherEntry> further;  // of contents that this version does not know, in file order
 };
 
 // Whose a private number is (spec 3.5).
@@ -155,7 +155,7 @@ std::vector<std::uint8_t> write_header(const FileHeader& header);
 std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::uint8_t> payload,
                                        std::uint32_t flags = kCritical);
 std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata);
-// The segments are listed part after part.
+// The segments and the further records are listed part after part.
 std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts);
 std::vector<std::uint8_t> write_window(const CaptureWindow& window);
 // The importances in the order of the file's primitives.

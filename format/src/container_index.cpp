@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // INDX: which records hold what is alive when (spec 5).
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "bytes.h"
@@ -129,9 +128,9 @@ class IndexReader {
     if ((skip & kCut) != 0) part.cut = {in_.f64(), in_.f64()};
     const std::uint64_t segments = in_.varint();
     if (!in_.ok()) return cut_off();
-    const Moments shown = part.cut.value_or(Moments{std::max(part.begin, 0.0), part.end});
+    const TickRange shown = part.cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
     const bool moments = is_moment(part.begin) && is_moment(part.end) && is_moment(shown.begin) &&
-                         is_moment(shown.end);
+                         is_moment(shown.end) && part.end - part.begin <= kMostChunk;
     if (!moments || !(part.begin < part.end) ||
         (part.cut && !(shown.begin >= std::max(part.begin, 0.0) && shown.begin < shown.end &&
                        shown.end <= part.end))) {
@@ -269,21 +268,31 @@ class IndexReader {
   Findings& findings_;
 };
 
-// The tiers of the segment that begins at `first`: one past the last.
-std::size_t end_of_run(std::span<const SegmentEntry> segments, std::size_t first) {
+const IndexEntry& entry_of(const SegmentEntry& segment) {
+  return segment.base;
+}
+const IndexEntry& entry_of(const FurtherEntry& further) {
+  return further.entry;
+}
+
+// The entries from `first` on that are of its part and place: one past the last.
+template <typename Entry>
+std::size_t end_of_run(std::span<const Entry> entries, std::size_t first) {
   const auto place = [&](std::size_t i) {
-    const SegmentEntry& segment = segments[i];
-    return std::tuple(segment.part, segment.base.level, segment.base.slot);
+    const IndexEntry& entry = entry_of(entries[i]);
+    return std::tuple(entries[i].part, entry.level, entry.slot);
   };
   std::size_t end = first;
-  while (end < segments.size() && place(end) == place(first)) ++end;
+  while (end < entries.size() && place(end) == place(first)) ++end;
   return end;
 }
 
-void write_run(std::span<const SegmentEntry> tiers, Places& places, ByteWriter& out) {
-  const bool apart = tiers[0].harmonics.bytes > 0;
-  out.varint(places.number_of(tiers[0].base));
-  out.varint(tiers.size() << 2 | (apart ? kApart : 0));
+// A segment: its tiers and its further records, of which one or the other may be none.
+void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry> further,
+               Places& places, ByteWriter& out) {
+  const bool apart = !tiers.empty() && tiers[0].harmonics.bytes > 0;
+  out.varint(places.number_of(tiers.empty() ? further[0].entry : tiers[0].base));
+  out.varint(tiers.size() << 2 | (further.empty() ? 0 : kMore) | (apart ? kApart : 0));
   for (const SegmentEntry& tier : tiers) {
     out.varint(tier.base.primitives);
     out.varint(tier.base.bytes - kRecordHeaderBytes);
@@ -291,44 +300,49 @@ void write_run(std::span<const SegmentEntry> tiers, Places& places, ByteWriter& 
   for (const SegmentEntry& tier : tiers) {
     if (apart) out.varint(tier.harmonics.bytes - kRecordHeaderBytes);
   }
+  if (!further.empty()) out.varint(further.size());
+  for (const FurtherEntry& record : further) {
+    out.varint(record.entry.layer);
+    out.varint(record.entry.bytes - kRecordHeaderBytes);
+  }
 }
+
+// Takes the segments of an index one after the other, in the order of the file.
+class Runs {
+ public:
+  explicit Runs(const FileIndex& index)
+      : segments_(index.segments), further_(index.further), chunk_(index.chunk_ticks) {}
+
+  // Writes the next segment of a part; false where there is none.
+  bool write_next(std::uint32_t part, Places& places, ByteWriter& out) {
+    const bool tiers = segment_ < segments_.size() && segments_[segment_].part == part;
+    const bool more = record_ < further_.size() && further_[record_].part == part;
+    if (!tiers && !more) return false;
+    const auto before = [this](const IndexEntry& a, const IndexEntry& b) {
+      return comes_before(a, b, chunk_);
+    };
+    std::size_t end = segment_, end_more = record_;
+    if (tiers && !(more && before(further_[record_].entry, segments_[segment_].base))) {
+      end = end_of_run(segments_, segment_);
+    }
+    if (more && !(tiers && before(segments_[segment_].base, further_[record_].entry))) {
+      end_more = end_of_run(further_, record_);
+    }
+    write_run(segments_.subspan(segment_, end - segment_),
+              further_.subspan(record_, end_more - record_), places, out);
+    segment_ = end;
+    record_ = end_more;
+    return true;
+  }
+
+ private:
+  std::span<const SegmentEntry> segments_;
+  std::span<const FurtherEntry> further_;
+  double chunk_ = 0;
+  std::size_t segment_ = 0, record_ = 0;
+};
 
 }  // namespace
-
-double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
-  return level < 0 ? 0.0 : slot * std::ldexp(chunk_ticks, level - 1);
-}
-
-bool is_chunk(double ticks) {
-  return ticks >= kChunkGrain && ticks <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
-}
-
-double to_chunk(double ticks) {
-  return ticks > 0.0 ? std::max(kChunkGrain, std::round(ticks / kChunkGrain) * kChunkGrain) : 0.0;
-}
-
-bool is_moment(double ticks) {
-  return std::abs(ticks) <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
-}
-
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
-  if (level < 0) return {0.0, length};
-  const double begin = begin_of(level, slot, chunk_ticks);
-  return {begin, std::min(begin + std::ldexp(chunk_ticks, level), length)};
-}
-
-Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
-  return interval_of(entry.level, entry.slot, head.index.chunk_ticks,
-                     head.parts[part].end - head.parts[part].begin);
-}
-
-Interval shown_of(const FileHead& head, const SegmentEntry& segment) {
-  const PartEntry& part = head.parts[segment.part];
-  const Interval interval = interval_of(head, segment.base, segment.part);
-  const Moments shown = part.cut.value_or(Moments{part.begin, part.end});
-  return {std::max({0.0, part.begin + interval.begin, shown.begin}),
-          std::min(part.begin + interval.end, shown.end)};
-}
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
                  const RecordArea& area, FileHead& head, Findings& findings) {
@@ -364,8 +378,7 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
     out.varint(attribute.bytes);
   }
   out.varint(parts.size());
-  const std::span<const SegmentEntry> segments(index.segments);
-  std::size_t next = 0;
+  Runs segments(index);
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     out.f64(parts[p].begin);
     out.f64(parts[p].end);
@@ -377,11 +390,7 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
     ByteWriter rows;
     std::uint64_t runs = 0;
     Places places;
-    for (; next < segments.size() && segments[next].part == p; ++runs) {
-      const std::size_t end = end_of_run(segments, next);
-      write_run(segments.subspan(next, end - next), places, rows);
-      next = end;
-    }
+    while (segments.write_next(p, places, rows)) ++runs;
     out.varint(runs);
     out.bytes(rows.view());
   }
@@ -391,7 +400,7 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
 std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
   std::vector<IndexEntry*> records;
   for (std::size_t begin = 0; begin < segments.size();) {
-    const std::size_t end = end_of_run(segments, begin);
+    const std::size_t end = end_of_run(std::span<const SegmentEntry>(segments), begin);
     for (std::size_t i = begin; i < end; ++i) records.push_back(&segments[i].base);
     for (; begin < end; ++begin) {
       if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);

@@ -34,45 +34,6 @@ std::vector<std::uint8_t> write_record(std::uint32_t tag, std::span<const std::u
   return out.take();
 }
 
-std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spec 4.2
-  const SceneMetadata& scene = metadata.scene;
-  ByteWriter out;
-  out.u32(scene.time_base.numerator);
-  out.u32(scene.time_base.denominator);
-  out.u32(scene.frames);
-  out.u8(scene.kernel);
-  out.u8(0);  // axes: OpenCV
-  out.u8(scene.colour);
-  out.u8(scene.harmonics);
-  out.u16(static_cast<std::uint16_t>(metadata.profile));
-  out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
-  for (float v : scene.background) out.f32(v);
-  for (float v : scene.bounds_min) out.f32(v);
-  for (float v : scene.bounds_max) out.f32(v);
-  out.f32(scene.near_plane);
-  const StartCamera camera = scene.start_camera.value_or(StartCamera{});
-  out.u32(camera.width);
-  out.u32(camera.height);
-  for (float v : camera.rotation) out.f32(v);
-  for (float v : camera.translation) out.f32(v);
-  for (float v : {camera.fx, camera.fy, camera.cx, camera.cy}) out.f32(v);
-  out.string(scene.generator);
-  out.string(scene.title);
-  out.f32(scene.metres_per_unit);
-  for (float v : scene.up) out.f32(v);
-  for (float v : scene.floor) out.f32(v);
-  return out.take();
-}
-
-std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4.5
-  ByteWriter out;
-  out.u32(window.first_frame);
-  out.u32(window.capture_frames);
-  out.u64(window.capture);
-  out.u64(window.training);
-  return out.take();
-}
-
 std::vector<std::uint8_t> write_importance(std::span<const float> importance,
                                            std::span<const std::uint32_t> order) {  // spec 5.11
   ByteWriter out;

@@ -1,40 +1,168 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording as a file with its index in the head.
+// A recording as a file with its index in the head: all of its records but those of the index are
+// copied as they are, those that this version does not know too.
+#include <algorithm>
 #include <exception>
 
+#include "bytes.h"
 #include "recording.h"
-#include "scene_write.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/scene_recorder.h"
 
 namespace stgs {
 namespace {
 
-Status finalize(const ByteSource& source, const std::string& output) {
-  STGS_ASSIGN(FileHead head, read_recording(source));
-  for (PartEntry& part : head.parts) part.skip = 0;
-  const std::vector<IndexEntry*> records = records_of(head.index.segments);
-  std::uint64_t body_bytes = 0;
-  for (const IndexEntry* record : records) body_bytes += record->bytes;
-  FileHeader header;
-  OutputFile file;
-  STGS_TRY(file.open(output));
-  STGS_TRY(file.write(write_finished_head(
-      head.metadata, head.layouts, write_index(head.index, head.parts), body_bytes, header)));
-  std::vector<std::uint8_t> bytes;
-  Findings findings;
-  for (const IndexEntry* record : records) {
-    if (!copy_record(source, *record, bytes, findings)) return findings.status(source.name());
-    STGS_TRY(file.write(bytes));
+constexpr std::uint64_t kFramesAt = 8, kBoundsAt = 32;  // in META's payload, spec 4.2
+constexpr std::uint64_t kPiece = 1 << 20;               // of what is copied at a time
+
+// The records of the index, in the order of the file.
+struct IndexedRecord {
+  IndexEntry entry;
+  std::uint32_t part = 0;
+};
+std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
+  std::vector<IndexedRecord> out;
+  for (const SegmentEntry& segment : index.segments) {
+    out.push_back({segment.base, segment.part});
+    if (segment.harmonics.bytes > 0) out.push_back({segment.harmonics, segment.part});
   }
-  return file.commit();
+  for (const FurtherEntry& further : index.further) out.push_back({further.entry, further.part});
+  std::sort(out.begin(), out.end(), [](const IndexedRecord& a, const IndexedRecord& b) {
+    return a.entry.offset < b.entry.offset;
+  });
+  return out;
 }
+
+// Copies the records of a recording to a file.
+class Finalizer {
+ public:
+  Finalizer(const ByteSource& source, FileHead& head)
+      : source_(source), head_(head), records_(indexed_records(head.index)) {}
+
+  Status write(const std::string& output) {
+    STGS_TRY(plan());
+    std::vector<std::uint8_t> records;
+    STGS_TRY(read_head_records(records));
+    const std::vector<std::uint8_t> index =
+        write_record(kIndexTag, write_index(head_.index, head_.parts));
+    FileHeader header;
+    header.minor = head_.header.minor;  // as its records are
+    header.flags = head_.header.flags & ~kGrowing;
+    header.head_bytes = kHeaderBytes + records.size() + index.size();
+    header.file_bytes = header.head_bytes + body_bytes_;
+    OutputFile file;
+    STGS_TRY(file.open(output));
+    STGS_TRY(file.write(write_header(header)));
+    STGS_TRY(file.write(records));
+    STGS_TRY(file.write(index));
+    STGS_TRY(write_body(file));
+    return file.commit();
+  }
+
+ private:
+  // What stands between the records of the index, and with that the skips of the parts.
+  Status plan() {
+    for (PartEntry& part : head_.parts) part.skip = 0;
+    std::uint64_t at = head_.header.head_bytes;
+    for (const IndexedRecord& record : records_) {
+      STGS_ASSIGN(const std::uint64_t skipped, plan_others(at, record.entry.offset));
+      head_.parts[record.part].skip += skipped;
+      at = record.entry.offset + record.entry.bytes;
+      body_bytes_ += record.entry.bytes;
+    }
+    return plan_others(at, head_.header.file_bytes).status();
+  }
+
+  // The records of [at, end) that are not critical: FRAG is, and so are segments that a damaged
+  // fragment has lost. Behind a header that is damaged there is nothing to be found.
+  Result<std::uint64_t> plan_others(std::uint64_t at, std::uint64_t end) {
+    std::uint64_t found = 0;
+    while (end - at >= kRecordHeaderBytes) {
+      std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+      STGS_TRY(source_.read(at, bytes));
+      Findings damaged;
+      RecordHeader record;
+      if (!parse_record_header(bytes, at, end, record, damaged)) break;
+      const std::uint64_t size = kRecordHeaderBytes + record.length;
+      if ((record.flags & kCritical) == 0) {
+        others_.push_back({at, at + size});
+        found += size;
+      }
+      at += size;
+    }
+    body_bytes_ += found;
+    return found;
+  }
+
+  // All records of the head, META with the last fragment's frames and bounds.
+  Status read_head_records(std::vector<std::uint8_t>& out) const {
+    out.resize(head_.header.head_bytes - kHeaderBytes);
+    STGS_TRY(source_.read(kHeaderBytes, out));
+    std::uint64_t size = 0;
+    for (std::uint64_t at = 0; at < out.size(); at += size) {
+      const std::span<std::uint8_t> rest = std::span(out).subspan(at);
+      ByteReader in(rest);
+      const std::uint32_t tag = in.u32(), flags = in.u32();
+      size = kRecordHeaderBytes + in.u64();
+      if (tag != kMetadataTag || flags != kCritical) continue;
+      const std::vector<std::uint8_t> record =
+          write_record(tag, metadata_payload(rest.first(size).subspan(kRecordHeaderBytes)));
+      std::copy(record.begin(), record.end(), rest.begin());
+    }
+    return {};
+  }
+
+  std::vector<std::uint8_t> metadata_payload(std::span<const std::uint8_t> payload) const {
+    const SceneMetadata& scene = head_.metadata.scene;
+    ByteWriter frames, bounds;
+    frames.u32(scene.frames);
+    for (float v : scene.bounds_min) bounds.f32(v);
+    for (float v : scene.bounds_max) bounds.f32(v);
+    std::vector<std::uint8_t> out(payload.begin(), payload.end());
+    std::copy(frames.view().begin(), frames.view().end(), out.begin() + kFramesAt);
+    std::copy(bounds.view().begin(), bounds.view().end(), out.begin() + kBoundsAt);
+    return out;
+  }
+
+  Status write_body(OutputFile& file) const {
+    std::vector<std::uint8_t> bytes;
+    Findings findings;
+    auto other = others_.begin();
+    for (const IndexedRecord& record : records_) {
+      for (; other != others_.end() && other->begin < record.entry.offset; ++other) {
+        STGS_TRY(copy(*other, bytes, file));
+      }
+      if (!copy_record(source_, record.entry, bytes, findings)) {
+        return findings.status(source_.name());
+      }
+      STGS_TRY(file.write(bytes));
+    }
+    for (; other != others_.end(); ++other) STGS_TRY(copy(*other, bytes, file));
+    return {};
+  }
+
+  Status copy(const RecordArea& area, std::vector<std::uint8_t>& bytes, OutputFile& file) const {
+    for (std::uint64_t at = area.begin; at < area.end; at += bytes.size()) {
+      bytes.resize(std::min(kPiece, area.end - at));
+      STGS_TRY(source_.read(at, bytes));
+      STGS_TRY(file.write(bytes));
+    }
+    return {};
+  }
+
+  const ByteSource& source_;
+  FileHead& head_;
+  std::vector<IndexedRecord> records_;
+  std::vector<RecordArea> others_;  // between and behind them
+  std::uint64_t body_bytes_ = 0;
+};
 
 }  // namespace
 
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output) {
   try {
-    return finalize(*recording, output);
+    STGS_ASSIGN(FileHead head, read_recording(*recording));
+    return Finalizer(*recording, head).write(output);
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", recording->name(), e.what());
   }

@@ -67,22 +67,23 @@ class Recorder final : public SceneRecorder {
   }
 
   Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
-                std::span<const float> importance) override {
+                std::span<const float> importance, std::uint32_t last_frame) override {
     STGS_TRY(check_open());
     if (end_frame <= frames_) {
       return usage_error("{}: a stretch that ends at frame {} is appended to {} frames",
                          file_.path(), end_frame, frames_);
     }
-    if (chunk_ticks_ > 0 && 2.0 * (end_frame - frames_) >= kMostSlots * chunk_ticks_) {
+    const std::uint32_t part_end = std::max(end_frame, last_frame);
+    if (chunk_ticks_ > 0 && 2.0 * (part_end - frames_) >= kMostSlots * chunk_ticks_) {
       return usage_error("{}: {} frames are too many for chunks of {} ticks", file_.path(),
-                         end_frame, chunk_ticks_);
+                         part_end, chunk_ticks_);
     }
     if (stretch.sh_degree != metadata_.sh_degree) {
       return usage_error("{}: a stretch of degree {} is appended to harmonics of degree {}",
                          file_.path(), stretch.sh_degree, metadata_.sh_degree);
     }
     try {
-      return append_checked(stretch, end_frame, importance);
+      return append_checked(stretch, end_frame, part_end, importance);
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot append {} primitives: {}", file_.path(), stretch.size(),
                            e.what());
@@ -109,14 +110,14 @@ class Recorder final : public SceneRecorder {
     return usage_error("{}: is closed, or an error has ended the recording", file_.path());
   }
 
-  Status append_checked(const Gaussians4D& stretch, std::uint32_t end_frame,
+  Status append_checked(const Gaussians4D& stretch, std::uint32_t end_frame, std::uint32_t part_end,
                         std::span<const float> importance) {
     Scene scene;
     scene.metadata = metadata_.scene;
-    scene.metadata.frames = end_frame;
+    scene.metadata.frames = part_end;
     scene.gaussians = stretch;
     scene.importance.assign(importance.begin(), importance.end());
-    scene.parts = {{static_cast<double>(frames_), static_cast<double>(end_frame), stretch.size()}};
+    scene.parts = {{static_cast<double>(frames_), static_cast<double>(part_end), stretch.size()}};
     WriteSettings check = settings_.write;
     check.chunk_seconds = 0;  // was checked, and is not to be against the whole timeline
     STGS_TRY(check_scene(scene, check));

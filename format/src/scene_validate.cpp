@@ -49,9 +49,23 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
   return false;
 }
 
+// What a fragment says beside the index, behind one of so many frames (spec 5.12).
+void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
+                    std::uint64_t end, std::uint32_t& frames, Findings& findings) {
+  ByteReader in(payload);
+  const std::uint32_t now = in.u32(), flags = in.u32();
+  if (!in.ok()) return;
+  check_fragment_flags(flags, end == head.header.file_bytes, at, findings);
+  if (now < frames) {
+    findings.error(N::kFragment, at, "a fragment of {} frames behind one of {}", now, frames);
+  }
+  frames = now;
+}
+
 // Records of the body that the index does not list, in [at, end), as far as the file has them.
+// `frames`: of the fragment before.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
-                   std::uint64_t end, Findings& findings) {
+                   std::uint64_t end, std::uint32_t& frames, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.there - std::min(at, head.there);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // truncated: reported
@@ -74,9 +88,8 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
       return findings.failed_read(at, status);
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
-    if (intact && fragment && bytes.size() >= 8) {
-      const bool last = at + kRecordHeaderBytes + record.length == head.header.file_bytes;
-      check_fragment_flags(ByteReader(std::span(bytes).subspan(4)).u32(), last, at, findings);
+    if (intact && fragment) {
+      check_fragment(bytes, head, at, at + kRecordHeaderBytes + record.length, frames, findings);
     }
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
@@ -141,13 +154,14 @@ void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at,
 // What no record of the index covers, and the index's records in between.
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
+  std::uint32_t frames = 0;
   for (const IndexEntry* record : records_of(head.index.segments)) {
     check_gap(source, head, at, record->offset, findings);
-    walk_unlisted(source, head, at, record->offset, findings);
+    walk_unlisted(source, head, at, record->offset, frames, findings);
     at = record->offset + record->bytes;
   }
   check_gap(source, head, at, head.header.file_bytes, findings);
-  walk_unlisted(source, head, at, head.header.file_bytes, findings);
+  walk_unlisted(source, head, at, head.header.file_bytes, frames, findings);
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 

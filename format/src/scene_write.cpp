@@ -63,15 +63,15 @@ Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
     primitives += part.primitives;
-    const Moments shown = part.shown();
+    const TickRange shown = part.shown();
     const double first = part.cut ? std::max(part.begin_ticks, 0.0) : part.begin_ticks;
     if (!is_moment(part.begin_ticks) || !is_moment(part.end_ticks) || !is_moment(shown.begin) ||
-        !is_moment(shown.end) ||
+        !is_moment(shown.end) || part.end_ticks - part.begin_ticks > kMostChunk ||
         !(part.begin_ticks < part.end_ticks && first <= shown.begin && shown.begin < shown.end &&
           shown.end <= part.end_ticks)) {
       return usage_error(
           "a part lasts from {} to {} and is shown from {} to {}: not in order, before the "
-          "timeline, or no multiples of 2^-20 ticks",
+          "timeline, too long, or no multiples of 2^-20 ticks",
           part.begin_ticks, part.end_ticks, shown.begin, shown.end);
     }
   }

@@ -40,7 +40,7 @@ struct SegmentMembers {
 struct PartRange {
   std::uint32_t first = 0, last = 0;
   Interval interval;
-  std::optional<Moments> cut = {};  // see ScenePart
+  std::optional<TickRange> cut = {};  // see ScenePart
   double length() const { return interval.end - interval.begin; }
 };
 // Every primitive of the part exactly once, segments in file order (spec 5.6). Those that are never

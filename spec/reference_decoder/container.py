@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 2 to 5: header, records, META, WNDW, the index."""
+"""Clauses 2, 3 and 5: header, records, heads, files that grow, IMPO."""
 import math
 from dataclasses import dataclass, field
 from operator import le
 
 import layouts
-from fields import Fields, Refused, checksum, need
+from fields import RECORD, Fields, Refused, checksum, need
+from index import read_index
+from metadata import read_meta, read_private_names, read_window
 
-HEADER, RECORD = 40, 32
+HEADER = 40
 CRITICAL = (b"META", b"LAYT", b"INDX", b"FRAG", b"SEGM")  # 3.2
 
 
@@ -15,25 +17,6 @@ CRITICAL = (b"META", b"LAYT", b"INDX", b"FRAG", b"SEGM")  # 3.2
 class Limits:  # conformance.md 1.5
     max_primitives: int = 200_000_000
     max_memory: int = 16 << 30
-
-
-@dataclass
-class Record:  # of the index: where its SEGM record lies
-    offset: int
-    size: int
-
-
-@dataclass
-class Tier:
-    """The primitives of one tier of a segment (5.3, 5.7)."""
-    level: int
-    slot: int
-    number: int
-    n: int
-    base: Record
-    harmonics: Record = None
-    part: tuple = None       # its part's begin and end
-    start: float = 0.0       # where its interval begins (5.4), from its part's beginning on
 
 
 @dataclass
@@ -61,7 +44,7 @@ def read_header(data):
     file_bytes, head_bytes = fields.u64(), fields.u64()
     need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
     need(major == 0, "2.5", f"major version {major}", unsupported=True)
-    need(minor >= 6, "2.5", f"minor version {minor}", unsupported=True)
+    need(minor >= 7, "2.5", f"minor version {minor}", unsupported=True)
     need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
     growing = flags & 1 == 1
     need(file_bytes == 0 or not growing, "2.6", "a growing file that states its size")
@@ -138,65 +121,6 @@ def read_head(file, limits):
             file.damage.append(Refused("2.6", f"{len(file.data)} bytes, not {file.end}"))
         read_index(file, Fields(have[b"INDX"], "5.2"), file.head_bytes)
     check_limits(file, limits)
-
-
-def read_meta(file, payload):  # 4.2, 4.3
-    fields = Fields(payload, "4.2")
-    numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
-    kernel, axes, colour, harmonics = (fields.u8() for _ in range(4))
-    file.profile = fields.u16()
-    file.degree = fields.u16()
-    background = [fields.f32() for _ in range(3)]
-    least, greatest = [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
-    near = fields.f32()
-    width, height = fields.u32(), fields.u32()
-    r, t = [fields.f32() for _ in range(9)], [fields.f32() for _ in range(3)]
-    lens = [fields.f32() for _ in range(4)]
-    fields.text()
-    fields.text()
-    metres, up, floor = fields.f32(), [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
-    need(axes == 0 and all(v == 0 or v >= 128 for v in (kernel, colour, harmonics)), "4.2",
-         "a convention that is not known", unsupported=True)
-    need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
-    need(file.degree <= 3, "4.2", f"harmonics of degree {file.degree}", unsupported=True)
-    need(all(map(math.isfinite, background + least + greatest + [near])) and near >= 0, "4.3",
-         "a number that is not finite, or a near plane below 0")
-    need(all(a <= b for a, b in zip(least, greatest)), "4.3", "bounds the wrong way round")
-    need(all(map(math.isfinite, up + floor + [metres])) and metres >= 0, "4.3", "the unit or the floor")
-    need(not any(up) or abs(math.hypot(*up) - 1) <= 0.001, "4.3", "an up vector of another length")
-    if (width, height) == (0, 0):
-        return  # no start camera
-    need(1 <= width <= 32768 and 1 <= height <= 32768, "4.3", "the start camera's size")
-    need(all(map(math.isfinite, r + t + lens)) and lens[0] > 0 and lens[1] > 0, "4.3",
-         "the start camera's numbers")
-    rows = [r[0:3], r[3:6], r[6:9]]
-    for i in range(3):
-        for j in range(3):
-            product = sum(a * b for a, b in zip(rows[i], rows[j]))
-            need(abs(product - (i == j)) <= 0.001, "4.3", "the start camera's rotation")
-    a, b, c = rows
-    need(a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
-         a[2] * (b[0] * c[1] - b[1] * c[0]) > 0, "4.3", "the start camera's rotation mirrors")
-
-
-def read_private_names(payload):  # 3.5: a decoder that knows none need not keep them
-    fields = Fields(payload, "3.5")
-    for _ in range(fields.u16()):
-        fields.u16()
-        fields.u16()
-        name = fields.bytes(fields.u32())
-        try:
-            need(name.decode("utf-8") != "", "3.5", "an empty name")
-        except UnicodeDecodeError:
-            need(False, "3.5", "a name that is not UTF-8")
-
-
-def read_window(payload):  # 4.5
-    fields = Fields(payload, "4.5")
-    first, whole = fields.u32(), fields.u32()
-    fields.u64()
-    fields.u64()
-    return first, whole
 
 
 class Fragment:
@@ -289,25 +213,6 @@ def read_fragments(file):  # 5.12
         read_index(file, found.index, found.previous or file.head_bytes, found.at)
 
 
-def read_index(file, fields, at, end=None):  # 5.2
-    chunk, stated = fields.f64(), fields.number()
-    need(2.0 ** -20 <= chunk <= 2.0 ** 32 and math.fmod(chunk, 2.0 ** -20) == 0, "5.2",
-         f"a chunk of {chunk} ticks")
-    need(file.chunk in (None, chunk), "5.12", "another chunk than the fragment before")
-    file.chunk = chunk
-    totals = fields.number()
-    need(totals <= 1024, "5.2", f"{totals} attribute totals")
-    for _ in range(totals):
-        need(fields.number() <= 65535, "5.2", "an attribute above 65535")
-        fields.number()
-    first = len(file.tiers)
-    for _ in range(count_of(fields, "5.2")):
-        at = read_part(file, fields, chunk, at, file.end if end is None else end)
-    file.body_at = at
-    total = sum(tier.n for tier in file.tiers[first:])
-    need(total == stated, "5.2", f"{total} primitives, not {stated}")
-
-
 def check_limits(file, limits):
     total = sum(tier.n for tier in file.tiers)
     need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
@@ -318,70 +223,6 @@ def check_limits(file, limits):
 
 def floats_bytes(file, tier):
     return 4 * (17 + 3 * (file.degree + 1) ** 2) * tier.n
-
-
-def count_of(fields, clause):
-    """A count of things of which each takes a byte at least."""
-    count = fields.number()
-    need(count <= fields.left(), clause, f"{count} do not fit")
-    return count
-
-
-def read_part(file, fields, chunk, at, body_end):  # 5.3
-    begin, end = fields.f64(), fields.f64()
-    skip = fields.number()
-    first, last = (fields.f64(), fields.f64()) if skip % 2 == 1 else (max(begin, 0.0), end)
-    for moment in (begin, end, first, last):
-        need(abs(moment) <= 2.0 ** 32 and math.fmod(moment, 2.0 ** -20) == 0, "5.3", f"moment {moment}")
-    need(begin < end, "5.3", f"a part of [{begin}, {end})")
-    need(skip % 2 == 0 or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
-    at += skip // 2
-    need(at <= body_end, "5.3", "a skip beyond the body")
-    last_slot, last_order = {}, None
-    for _ in range(count_of(fields, "5.3")):
-        place, shape = fields.number(), fields.number()
-        level, tiers, more, apart = place % 32 - 1, shape // 4, shape // 2 % 2, shape % 2
-        slot = place // 32 + (last_slot[level] + 1 if level in last_slot else 0)
-        last_slot[level] = slot
-        need(slot < 1 << 32 and (level >= 0 or slot == 0), "5.3", f"slot {slot} of level {level}")
-        need(tiers <= 256 and (tiers > 0 or (more, apart) == (1, 0)), "5.3", f"{tiers} tiers")
-        start, stop = interval(level, slot, chunk, end - begin)
-        need(start < stop, "5.4", "a segment outside its part")
-        # 5.6: by beginning; of two that begin together the longer first, a persistent one before all
-        order = (-math.inf, 0) if level < 0 else (start, -level)
-        need(last_order is None or last_order < order, "5.6", "segments out of order")
-        last_order = order
-        counts, sizes = [], []
-        for _ in range(tiers):
-            counts.append(fields.number())
-            sizes.append(fields.number())
-            need(1 <= counts[-1] < 1 << 32, "5.3", f"{counts[-1]} primitives in a tier")
-        extra = [fields.number() for _ in range(tiers)] if apart else []
-        further = []
-        count = count_of(fields, "5.3") if more else 0
-        need(count > 0 or not more, "5.3", "no further records")
-        for _ in range(count):
-            layer = fields.number()
-            need(512 <= layer <= 65535, "5.3", f"layer {layer} of a further record")
-            further.append(fields.number())
-        records = []
-        for size in sizes + extra + further:
-            need(at + RECORD + size <= body_end, "5.3", "a record outside the body")
-            records.append(Record(at, RECORD + size))
-            at += RECORD + size
-        for i, n in enumerate(counts):
-            harmonics = records[tiers + i] if apart else None
-            for r in [records[i]] + [harmonics] * apart:
-                need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
-            file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end), start))
-    return at
-
-
-def interval(level, slot, chunk, length):  # 5.4
-    if level < 0:
-        return 0.0, length
-    half = math.ldexp(chunk, level - 1)
-    return slot * half, min(slot * half + 2 * half, length)
 
 
 def present(file, at, size):  # 2.6

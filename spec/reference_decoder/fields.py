@@ -4,6 +4,8 @@ import struct
 
 import xxhash
 
+RECORD = 32  # bytes of a record header (3.1)
+
 
 class Refused(Exception):
     """A "must" of the text that does not hold. `unsupported`: the file may be sound, but asks for

@@ -154,7 +154,7 @@ TEST_CASE("parts are cut and moved by their index alone") {
     CHECK(after->gaussians.time == before->gaussians.time);
     CHECK(after->gaussians.velocity == before->gaussians.velocity);
     CHECK(after->parts[0].begin_ticks == -10);
-    CHECK(after->parts[0].shown() == Moments{0, 3.25});
+    CHECK(after->parts[0].shown() == TickRange{0, 3.25});
     const auto reader = SceneReader::open(memory_source(edited));
     const auto parts_at = [&](double t) {
       std::set<std::uint32_t> parts;
@@ -180,8 +180,8 @@ TEST_CASE("parts that make no sense are not written") {
   for (const std::vector<ScenePart>& parts :
        std::vector<std::vector<ScenePart>>{{{0, 20, 25}, {20, 40, 24}},
                                            {{0, 40.0000001, 50}},
-                                           {{0, 40, 50, Moments{-1, 40}}},
-                                           {{0, 40, 50, Moments{3, 3}}},
+                                           {{0, 40, 50, TickRange{-1, 40}}},
+                                           {{0, 40, 50, TickRange{3, 3}}},
                                            {{5, 5, 50}},
                                            {{NAN, 40, 50}}}) {
     scene.parts = parts;

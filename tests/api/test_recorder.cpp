@@ -160,6 +160,82 @@ TEST_CASE("a recording can be read after each stretch, and finalize makes what a
   CHECK_FALSE(fs::exists(folder.file("x.stgs")));
 }
 
+TEST_CASE("what is known to stay is recorded once, and is there as long as it was said to be") {
+  const Folder folder;
+  const std::string path = folder.file("live.stgs");
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
+  REQUIRE(recorder.ok());
+  Gaussians4D room = stretch(0);
+  std::fill(room.time.begin(), room.time.end(), 15.0f);
+  std::fill(room.radius.begin(), room.radius.end(), 20.0f);  // frames 0 to 35
+  REQUIRE((*recorder)->append(room, 10, {}, 35).ok());
+  CHECK((*recorder)->frames() == 10);
+  REQUIRE((*recorder)->append(stretch(1), 20).ok());
+  recorder->reset();
+  recorder = SceneRecorder::resume(path, recording_settings());
+  REQUIRE(recorder.ok());
+  CHECK((*recorder)->append(stretch(2), 20, {}, 100).code() == StatusCode::kUsage);
+  for (std::uint32_t i = 2; i < 5; ++i) {
+    REQUIRE((*recorder)->append(stretch(i), 10 * (i + 1), {}, 1).ok());
+  }
+  REQUIRE((*recorder)->close().ok());
+
+  const std::string finished = folder.file("finished.stgs");
+  REQUIRE(finalize_scene(std::move(*open_file(path)), finished).ok());
+  for (const std::string& file : {path, finished}) {
+    const auto reader = opened(file);
+    CHECK(reader->metadata().frames == 50);
+    CHECK(reader->primitives() == 5 * 60);
+    CHECK(reader->parts()[0] == ScenePart{0, 35, 60});
+    CHECK(reader->parts()[1] == ScenePart{10, 20, 60});
+    CHECK(prints_of(*reader, 0) == prints_of(room));
+    const auto needs_room = [&reader](double moment) {
+      const std::vector<std::uint32_t> needed = reader->segments_between(moment, moment);
+      return std::any_of(needed.begin(), needed.end(),
+                         [&](std::uint32_t s) { return reader->segments()[s].part == 0; });
+    };
+    CHECK(needs_room(34.9));
+    CHECK_FALSE(needs_room(35));
+    CHECK(issues_of(bytes_of(file)).empty());
+  }
+}
+
+TEST_CASE("finalize keeps what it does not know") {
+  const Folder folder;
+  const std::string vectors = std::string(STGS_TEST_DATA) + "/../conformance/vectors/";
+  for (const char* name : {"growing_timed_data", "growing_with_further_records",
+                           "growing_with_layouts", "growing_lasting", "growing_eight"}) {
+    INFO(name);
+    const std::string path = vectors + name + ".stgs", finished = folder.file("finished.stgs");
+    REQUIRE(finalize_scene(std::move(*open_file(path)), finished).ok());
+    const auto recorded = opened(path), reader = opened(finished);
+    Bytes before = bytes_of(path);
+    const Bytes after = bytes_of(finished);
+    before.resize(recorded->file_bytes());  // what follows is being written
+    CHECK(issues_of(before).empty());
+    CHECK(issues_of(after).empty());
+    CHECK(reader->form() == SceneForm::kFinished);
+    CHECK(reader->metadata().frames == recorded->metadata().frames);
+    REQUIRE(reader->parts() == recorded->parts());
+    for (std::uint32_t p = 0; p < reader->parts().size(); ++p) {
+      CHECK(prints_of(*reader, p) == prints_of(*recorded, p));
+    }
+    const auto count = [](const Bytes& bytes, std::string_view text) {
+      int found = 0;
+      for (auto at = bytes.begin(); at != bytes.end(); ++found) {
+        at = std::search(at, bytes.end(), text.begin(), text.end());
+        if (at == bytes.end()) break;
+        ++at;
+      }
+      return found;
+    };
+    for (const char* text : {"SEGM", "PRIV", "POSE", "audio/opus", "LAYT"}) {
+      CHECK(count(after, text) == count(before, text));
+    }
+    CHECK(count(after, "FRAG") == 0);
+  }
+}
+
 TEST_CASE("a recording cut anywhere is read up to its last complete stretch") {
   const Folder folder;
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {

@@ -47,6 +47,8 @@ TEST_CASE("a file says what it is") {
   scene.metadata.metres_per_unit = 0.25f;
   scene.metadata.up[1] = -1;
   scene.metadata.floor[1] = 1.5f;
+  scene.metadata.sound = "music.opus";
+  scene.metadata.sound_begin = -2.5;
   scene.metadata.colour = 200;
   scene.metadata.background[1] = 0.5f;
   scene.metadata.title = "Tanz, Saal 3 \xE2\x80\x94 Probe";
@@ -67,6 +69,8 @@ TEST_CASE("a file says what it is") {
   CHECK(metadata.metres_per_unit == 0.25f);
   CHECK(metadata.up[1] == -1.0f);
   CHECK(metadata.floor[1] == 1.5f);
+  CHECK(metadata.sound == "music.opus");
+  CHECK(metadata.sound_begin == -2.5);
   CHECK(metadata.colour == 200);
   CHECK(metadata.background[1] == 0.5f);
   CHECK(metadata.near_plane == 0.1f);
@@ -171,7 +175,7 @@ TEST_CASE("what cannot be written is refused by name and number") {
   // Latin-1, an overlong slash, a surrogate, past the last code point, cut off.
   for (const char* text : {"caf\xE9", "\xC0\xAF", "\xED\xA0\x80", "\xF4\x90\x80\x80", "\xE2\x82"}) {
     bad.metadata.title = text;
-    CHECK(message(bad) == "metadata: generator or title is not UTF-8");
+    CHECK(message(bad) == "metadata: generator, title or the sound's place is not UTF-8");
   }
   bad = good;
   bad.metadata.title = "caf\xC3\xA9 \xE2\x82\xAC \xF0\x9F\x8E\xA5";

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 
-from vector_file import checksum
+from vector_file import VERSION, checksum
 from vector_list import VECTORS
 from vectors_broken_container import broken_header, broken_head, broken_index, broken_rules
 from vectors_broken_records import (broken_harmonics, broken_rans, broken_segment,
@@ -65,7 +65,7 @@ def main():
             print(f"{v.name}, {v.clause}: {lines}")
         entries.append(entry)
     with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
-        json.dump({"format": "0.6", "vectors": entries}, file, indent=1)
+        json.dump({"format": ".".join(map(str, VERSION)), "vectors": entries}, file, indent=1)
         file.write("\n")
     print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
           f"{sum(len(v.data) for v in VECTORS)} bytes")

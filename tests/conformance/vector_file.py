@@ -8,6 +8,7 @@ import xxhash
 
 COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 9, 11: 15, 12: 21}
 STORED, RANS = 0, 1
+VERSION = 0, 7
 
 
 def checksum(data):
@@ -53,6 +54,8 @@ class Meta:  # 4.2
     metres: float = 0.0
     up: tuple = (0.0, 0.0, 0.0)
     floor: tuple = (0.0, 0.0, 0.0)
+    sound: object = ""
+    sound_begin: float = 0.0
     extra: bytes = b""
 
     def payload(self):
@@ -61,7 +64,8 @@ class Meta:  # 4.2
                 struct.pack("<3f3f3ff", 0, 0, 0, *self.least, *self.greatest, self.near) +
                 struct.pack("<2I9f3f4f", *self.size, *self.rotation, 0, 0, 0, *self.lens) +
                 text(self.generator) + text("") +
-                struct.pack("<7f", self.metres, *self.up, *self.floor) + self.extra)
+                struct.pack("<7f", self.metres, *self.up, *self.floor) + text(self.sound) +
+                struct.pack("<d", self.sound_begin) + self.extra)
 
 
 # Annex A
@@ -297,8 +301,8 @@ class File:
     totals: tuple = ()
     total: int = None
     index_extra: bytes = b""
-    major: int = 0
-    minor: int = 6
+    major: int = VERSION[0]
+    minor: int = VERSION[1]
     flags: int = 0
     head_first: bytes = b""           # records of the head, before META and after INDX
     head_last: bytes = b""

@@ -3,7 +3,7 @@
 import struct
 from dataclasses import dataclass, replace
 
-from vector_file import File, Meta, checksum, record
+from vector_file import VERSION, File, Meta, checksum, record
 
 
 @dataclass
@@ -25,7 +25,7 @@ def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_las
     """A recording of these parts, a FRAG record behind each; the last one of all where closed."""
     meta = meta or Meta(profile=0, frames=1)
     head = record(b"META", meta.payload()) + head_last
-    out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", 0, 6, flags, file_bytes, 40 + len(head))
+    out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", *VERSION, flags, file_bytes, 40 + len(head))
     out += struct.pack("<Q", checksum(out)) + head
     offsets, sizes, head_sum = [], [], checksum(out)
     for i, part in enumerate(parts, 1):

@@ -58,7 +58,8 @@ def broken_rules():
             ("part_cut_outside", "shown up to a moment after its end", dict(cut=(0, 31))),
             ("part_cut_before_the_timeline", "shown from -1 on", dict(begin=-2, cut=(-1, 30))),
             ("part_moment", "a beginning of 2^-21 ticks", dict(begin=2.0 ** -21)),
-            ("part_far", "an end beyond 2^32", dict(end=2.0 ** 33))):
+            ("part_far", "an end beyond 2^32", dict(end=2.0 ** 33)),
+            ("part_too_long", "2^32 + 1 ticks", dict(begin=-1.0, end=2.0 ** 32))):
         must_fail(name, "5.3", about, File([Part([one(-1, 0)], **part)], Meta(profile=0)))
     for tag in (b"SEGM", b"FRAG"):
         must_fail(f"{tag.decode().lower()}_in_the_head", "3.2", "with flags 0",
@@ -66,6 +67,11 @@ def broken_rules():
     must_fail("up_of_length_2", "4.3", "an up vector of length 2",
               plain(meta=Meta(profile=0, up=(0, 2, 0))))
     must_fail("metres_below_0", "4.3", "a unit of -1 m", plain(meta=Meta(profile=0, metres=-1)))
+    for name, about, more in (("sound_too_far", "a sound from moment 2^33 on", dict(sound_begin=2.0 ** 33)),
+                              ("sound_at_no_moment", "a NaN", dict(sound_begin=float("nan"))),
+                              ("sound_not_utf8", "its place cut in a character", dict(sound=b"a\xe2\x82")),
+                              ("generator_of_surrogates", "U+D800 as UTF-8", dict(generator=b"\xed\xa0\x80"))):
+        must_fail(name, "4.3", about, plain(meta=Meta(profile=0, **more)))
     must_fail("further_record_of_content_1", "5.3", "layer 256 among the further records",
               File([Part([one(-1, 0, further=[(256, b"")])])], Meta(profile=0)))
     must_fail("tables_1025", "6.2", "1025 tables",
@@ -87,6 +93,8 @@ def broken_rules():
            growing(stretches(3), [Fragment(flags=1), Fragment(), Fragment()]), reported=[313])
     vector("fragment_flags_before_others", "5.12", "an unknown flag of one that is not read",
            growing(stretches(3), [Fragment(flags=2), Fragment(), Fragment()]), reported=[113])
+    vector("fragment_of_fewer_frames", "5.12", "20 frames, then 15",
+           growing(stretches(3), [Fragment(), Fragment(), Fragment(frames=15)]), reported=[313])
     between = stretches(2)
     between[1].after = record(b"NOTE", b"", 0)
     vector("record_before_a_fragment", "5.12", "an unknown record behind the segments of a stretch",
@@ -107,7 +115,7 @@ def broken_header():
     must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
     must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
     must_fail("major_version", "2.5", "major version 1", plain(major=1))
-    must_fail("minor_version", "2.5", "minor version 5, an experiment", plain(minor=5))
+    must_fail("minor_version", "2.5", "minor version 6, an experiment", plain(minor=6))
     must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
     must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
     must_fail("truncated_head", "2.6", "the last byte of the head is missing",

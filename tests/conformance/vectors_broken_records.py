@@ -211,6 +211,10 @@ def broken_rans():
            plain(body=opacity(struct.pack("<II", words, 65535) + sound[8:])))
     must_fail("word_left", "A.5", "a word more than is read",
            plain(body=opacity(struct.pack("<II", words + 1, state) + sound[8:] + b"\0\0")))
+    alike = Stream(8, 1, -2, [[5, 5, 5]], 0, RANS)
+    for name, about, size, first in (("no_planes_state", "a state of 65537 where no planes are", 0, 65537),
+                                     ("no_planes_word", "a word where no planes are", 1, 65536)):
+        must_fail(name, "A.5", about, replaced(alike, group=struct.pack("<2I", size, first) + bytes(2 * size)))
     must_fail("last_state", "A.5", "a block that ends elsewhere",
            plain(body=opacity(struct.pack("<II", words, state + 4096) + sound[8:])))
     must_fail("table_sum", "A.2", "frequencies beyond 4096",

@@ -18,6 +18,8 @@ def sound_container():
            plain(meta=Meta(profile=0, conventions=(128, 0, 200, 255))))
     vector("metres_and_up", "4.3", "how long a unit is, what is up, where the floor is",
            plain(meta=Meta(profile=0, metres=0.25, up=(0.0, -0.6, 0.8), floor=(0.0, 1.5, 0.0))))
+    vector("sound_beside", "4.6", "a sound that begins before the timeline", plain(
+        meta=Meta(profile=0, sound="../sound/st\u00fcck%20eins.opus", sound_begin=-2.5)))
     seen = Meta(profile=0, size=(640, 480), lens=(500.0, 500.0, 320.0, 240.0),
                 rotation=(0, 0, 1, 0, 1, 0, -1, 0, 0))
     vector("start_camera", "4.3", "a start camera", plain(meta=seen))
@@ -38,6 +40,10 @@ def sound_container():
              Part([Segment(0, 3, [own_body(coded_streams(2, 0, 4), 2)])], 2.5, 1000, cut=(12.25, 40))]
     vector("parts_cut", "5.10", "parts that begin before the timeline or end after it, each shown in part",
            File(shown, Meta()))
+    longest = Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 2.0 ** 31, 20), 2)])], -2.0 ** 31, 2.0 ** 31)
+    before = Part([Segment(-1, 0, [Body(float_streams(1, 0, 4), 1)])], -30, 0)
+    vector("part_of_2_to_32", "5.3", "the longest part; one that is never shown",
+           File([longest, before], Meta(profile=0)))
     alone = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
              Segment(0, 2, [], further=[(200 << 8, place(200 << 8, 0, 2) + struct.pack("<dd", 5, 9.5) +
                                          text("audio/opus") + b"sound")])]
@@ -81,8 +87,8 @@ def sound_container():
     vector("unknown_record_damaged", "3.1", "a record of the head that readers skip",
            plain(head_first=with_byte(record(b"NOTE", b"hello", 0), 34)), reported=[112])
     vector("empty", "5.2", "no primitives, no parts", File([]))
-    vector("attribute_totals", "5.2", "totals, of an unknown attribute too",
-           plain(totals=((1, 36), (0x8001, 1 << 40))))
+    vector("attribute_totals", "5.2", "totals, of an unknown attribute, and two of one",
+           plain(totals=((1, 36), (0x8001, 1 << 40), (1, 2))))
     moved = [Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)]),
              Segment(30, 0, [Body(float_streams(1, 0, 3), 1)])]
     late = float_streams(1, 0, 3)

@@ -2,9 +2,9 @@
 """Files that grow, sound and broken (5.12)."""
 import struct
 
-from vector_file import Body, File, Meta, Part, Segment, checksum, record
+from vector_file import Body, File, Meta, Part, Segment, checksum, record, text
 from vector_growing import Fragment, fragment, growing
-from vector_list import apart, must_fail, vector, with_byte
+from vector_list import apart, must_fail, place, private, vector, with_byte
 from vector_scenes import float_streams
 
 
@@ -20,6 +20,10 @@ def sound_growing():
     vector("growing_lasting", "5.12", "what lasts longer than what is recorded is stored once",
            growing([Part(stretches(1)[0].segments, 0, 1 << 20), *stretches(3)[1:]],
                    [Fragment(frames=10), Fragment(), Fragment()]))
+    streams = float_streams(2, 0, 10, 1, 8)
+    layt = struct.pack("<HH", 0, 1) + b"\x09" + b"".join(s.row() for s in streams)
+    vector("growing_with_layouts", "2.3", "LAYT in the head of a recording", growing(
+        [Part([Segment(-1, 0, [Body(streams, 2, layout=0)])], 0, 10)], head_last=record(b"LAYT", layt)))
     vector("growing_newer_flags", "5.12", "fragment flags of 16 and above are ignored",
            growing(stretches(2), [Fragment(), Fragment(flags=0x10000)]))
     vector("growing_closed", "5.12", "a closed recording",
@@ -48,6 +52,15 @@ def sound_growing():
         part.before = record(b"POSE", bytes([i] * 9), 0)
     vector("growing_with_further_records", "5.12", "a record of another kind before each stretch's",
            growing(noted) + record(b"POSE", b"\3" * 9, 0))
+    timed = stretches(3)
+    sound = struct.pack("<dd", 5, 9.5) + text("audio/opus") + b"sound"
+    early = struct.pack("<dd", 0, 10) + text("audio/opus") + b"more"
+    layer = 200 << 8
+    timed[0].segments[0].further = [(layer, place(layer) + early)]
+    timed[1].segments.append(Segment(0, 2, [], further=[(layer, place(layer, 0, 2) + sound)]))
+    timed[2].segments = [Segment(-1, 0, [], further=[(layer, place(layer) + early)])]
+    vector("growing_timed_data", "5.13", "sound in every stretch, where nothing is seen too",
+           growing(timed, head_last=private((2, 200, "org.example.sound"))))
     vector("growing_cut_before_a_stretch", "5.12", "cut off behind such a record",
            growing(noted)[:len(growing(noted[:2])) + 41 + 5])
 

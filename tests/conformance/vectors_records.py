@@ -85,6 +85,8 @@ def sound_coded():
                 s.coder, s.digits = RANS, None
         streams[0] = coded_streams(n, 0, 31)[0]
         vector(f"lanes_{n}", "A.1", f"a group of {n} primitives", plain(body=own_body(streams, n)))
+    vector("group_of_no_planes", "A.1", "all tables have one symbol: blocks of states alone",
+           replaced(Stream(8, 1, -2, [[5, 5, 5]], 0, RANS)))
     streams = coded_streams(9, 1, 5, which="base"), coded_streams(9, 1, 5, which="rest")
     second = coded_streams(4, 1, 6, which="base"), coded_streams(4, 1, 6, which="rest")
     tables = []

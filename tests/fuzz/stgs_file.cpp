@@ -286,7 +286,7 @@ std::vector<Bytes> stgs_seeds() {
                             encoded(testing::random_scene(12, 1, 30, 21), quantised),
                             encoded(testing::random_scene(60, 3, 30, 22), quantised)};
   Scene parts = testing::random_scene(20, 0, 40, 23);
-  parts.parts = {{-2, 19.5, 11, Moments{0, 19}}, {19.5, 50, 9}};
+  parts.parts = {{-2, 19.5, 11, TickRange{0, 19}}, {19.5, 50, 9}};
   parts.importance.assign(20, 0.5f);
   parts.metadata.window = CaptureWindow{5, 100, 1, 2};
   parts.metadata.start_camera.emplace();

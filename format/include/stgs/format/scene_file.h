@@ -18,8 +18,8 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 6;
-inline constexpr std::uint16_t kOldestMinor = 6;  // those before were experiments
+inline constexpr std::uint16_t kFormatMinor = 7;
+inline constexpr std::uint16_t kOldestMinor = 7;  // those before were experiments
 
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float as trained
@@ -67,31 +67,36 @@ struct SceneMetadata {
   std::optional<StartCamera> start_camera;
   std::string generator;  // program and version that wrote the file
   std::string title;
+  // Where the scene's sound is, a URI reference that is relative to the file's own place (RFC
+  // 3986); empty: there is none. It begins at this moment, ticks. Nothing here fetches it.
+  std::string sound;
+  double sound_begin = 0;
   // Numbers of later versions that may be shown as 0 (spec 4.2), kept for whoever knows them.
   std::uint8_t kernel = 0, colour = 0, harmonics = 0;
   std::optional<CaptureWindow> window;
 };
 
 // Moments [begin, end), ticks.
-struct Moments {
+struct TickRange {
   double begin = 0, end = 0;
-  bool operator==(const Moments&) const = default;
+  bool operator==(const TickRange&) const = default;
 };
 
 // Successive primitives that are drawn at the moments of [begin, end) alone (spec 5.10), or at
 // those of these that are shown; a part that reaches the end of the timeline includes it. Their
 // times count from begin_ticks, so that single precision holds them however late the part is. The
-// part may begin before the timeline and end after it. All moments are multiples of 2^-20, to 2^32.
+// part may begin before the timeline and end after it. All moments are multiples of 2^-20, to 2^32,
+// and no part is longer than that.
 struct ScenePart {
   double begin_ticks = 0, end_ticks = 0;
   std::uint64_t primitives = 0;
-  std::optional<Moments> cut =
+  std::optional<TickRange> cut =
       {};  // what of [begin, end) is shown, from 0 on, where that is not all
 
-  Moments shown() const { return cut.value_or(Moments{begin_ticks, end_ticks}); }
+  TickRange shown() const { return cut.value_or(TickRange{begin_ticks, end_ticks}); }
   // Whether its primitives are drawn at a moment of a timeline of so many frames.
   bool shows(double ticks, std::uint32_t frames) const {
-    const Moments moments = shown();
+    const TickRange moments = shown();
     return ticks >= moments.begin &&
            (ticks < moments.end || (moments.end >= frames && ticks <= frames));
   }
@@ -194,7 +199,7 @@ class SceneReader {
   // Whether the head has layouts for all records (spec 6.2); else each has its own.
   virtual bool has_layouts() const = 0;
   virtual const std::vector<SegmentInfo>& segments() const = 0;
-  // At least one; segments are listed part after part.
+  // Segments are listed part after part; none where the file has no primitives and no parts.
   virtual const std::vector<ScenePart>& parts() const = 0;
   virtual std::vector<StreamInfo> streams() const = 0;
   // Indices of the segments that hold every primitive alive somewhere in [t0, t1], ticks; from the

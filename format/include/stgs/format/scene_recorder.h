@@ -40,12 +40,14 @@ class SceneRecorder {
                                                        const RecordSettings& settings = {});
   virtual ~SceneRecorder() = default;
 
-  // The primitives that are drawn from frames() to `end_frame`, which is greater; times count from
-  // frames(), the beginning of the stretch. `importance`: see Scene; may be empty. After a kUsage
-  // nothing has changed. After any other error nothing more can be appended; the file ends where it
-  // did before, as far as the system lets it be cut.
+  // Makes the file `end_frame` frames long, more than frames(), with these primitives, whose times
+  // count from frames(), the beginning of the stretch. They are drawn up to end_frame or, where it
+  // is greater, up to `last_frame`, beside what is appended later: what is known to stay is stored
+  // once so. `importance`: see Scene; may be empty. After a kUsage nothing has changed. After any
+  // other error nothing more can be appended; the file ends where it did before, as far as the
+  // system lets it be cut.
   virtual Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
-                        std::span<const float> importance = {}) = 0;
+                        std::span<const float> importance = {}, std::uint32_t last_frame = 0) = 0;
   // Says in the file that nothing follows, with the whole index in one place.
   virtual Status close() = 0;
 
@@ -53,8 +55,9 @@ class SceneRecorder {
   virtual std::uint64_t bytes() const = 0;   // of the file
 };
 
-// Copies a recording, whole or cut off anywhere, to a file with its index in the head, with the
-// same bytes for every primitive; `output` appears whole or not at all. A last fragment whose
+// Copies a recording, whole or cut off anywhere, to a file with its index in the head: every record
+// but those of the index with the same bytes, also what this version does not know. `output`
+// appears whole or not at all. A last fragment whose
 // records did not reach the disk is left out, other damage is an error. A file that is finished
 // already is kUsage.
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output);

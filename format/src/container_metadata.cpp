@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+// META and WNDW: what a scene is (spec 4).
+#include <algorithm>
+#include <cmath>
+
+#include "bytes.h"
+#include "container.h"
+#include "stgs/format/camera.h"
+#include "stgs/format/text.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr std::uint64_t kWindowBytes = 24;
+// Of kernel, colour and harmonics: those from here on may be shown as 0 (spec 4.2).
+constexpr std::uint8_t kFirstShownAsZero = 128;
+
+bool all_finite(std::span<const float> values) {
+  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
+  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxPictureSide; };
+  if (!side(camera.width) || !side(camera.height)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: a start camera of {}x{} pixels; each side is 1 to {}", camera.width,
+                   camera.height, kMaxPictureSide);
+  }
+  const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
+  if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
+      camera.fy <= 0.0f) {
+    findings.error(N::kMetadataValue, offset, "metadata: the start camera is not a camera");
+  }
+  if (!is_rotation(camera.rotation)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: the start camera's rotation is not a rotation");
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spec 4.2
+  const SceneMetadata& scene = metadata.scene;
+  ByteWriter out;
+  out.u32(scene.time_base.numerator);
+  out.u32(scene.time_base.denominator);
+  out.u32(scene.frames);
+  out.u8(scene.kernel);
+  out.u8(0);  // axes: OpenCV
+  out.u8(scene.colour);
+  out.u8(scene.harmonics);
+  out.u16(static_cast<std::uint16_t>(metadata.profile));
+  out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
+  for (float v : scene.background) out.f32(v);
+  for (float v : scene.bounds_min) out.f32(v);
+  for (float v : scene.bounds_max) out.f32(v);
+  out.f32(scene.near_plane);
+  const StartCamera camera = scene.start_camera.value_or(StartCamera{});
+  out.u32(camera.width);
+  out.u32(camera.height);
+  for (float v : camera.rotation) out.f32(v);
+  for (float v : camera.translation) out.f32(v);
+  for (float v : {camera.fx, camera.fy, camera.cx, camera.cy}) out.f32(v);
+  out.string(scene.generator);
+  out.string(scene.title);
+  out.f32(scene.metres_per_unit);
+  for (float v : scene.up) out.f32(v);
+  for (float v : scene.floor) out.f32(v);
+  out.string(scene.sound);
+  out.f64(scene.sound_begin);
+  return out.take();
+}
+
+std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4.5
+  ByteWriter out;
+  out.u32(window.first_frame);
+  out.u32(window.capture_frames);
+  out.u64(window.capture);
+  out.u64(window.training);
+  return out.take();
+}
+
+void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings) {
+  const SceneMetadata& scene = metadata.scene;
+  const bool finite = all_finite(scene.background) && all_finite(scene.bounds_min) &&
+                      all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
+  if (!finite || scene.near_plane < 0.0f) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: background, bounds or near plane is not a finite number >= 0");
+  }
+  const double length = std::hypot(double{scene.up[0]}, double{scene.up[1]}, double{scene.up[2]});
+  if (!all_finite(scene.up) || !all_finite(scene.floor) || !std::isfinite(scene.metres_per_unit) ||
+      scene.metres_per_unit < 0.0f || (length != 0.0 && std::abs(length - 1.0) > 1e-3)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: {} metres a unit, or an up vector of length {}, or the floor",
+                   scene.metres_per_unit, length);
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
+      findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
+    }
+  }
+  if (scene.start_camera) check_start_camera(*scene.start_camera, offset, findings);
+  if (!(std::abs(scene.sound_begin) <= kMostChunk)) {
+    findings.error(N::kMetadataValue, offset, "metadata: a sound that begins at tick {}",
+                   scene.sound_begin);
+  }
+  if (!is_utf8(scene.generator) || !is_utf8(scene.title) || !is_utf8(scene.sound)) {
+    findings.error(N::kMetadataText, offset,
+                   "metadata: generator, title or the sound's place is not UTF-8");
+  }
+}
+
+bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                    FileMetadata& metadata, Findings& findings) {  // spec 4.2
+  ByteReader in(payload);
+  SceneMetadata& scene = metadata.scene;
+  scene.time_base.numerator = in.u32();
+  scene.time_base.denominator = in.u32();
+  scene.frames = in.u32();
+  scene.kernel = in.u8();
+  const std::uint8_t axes = in.u8();
+  scene.colour = in.u8();
+  scene.harmonics = in.u8();
+  const std::uint16_t profile = in.u16();
+  metadata.sh_degree = in.u16();
+  for (float& v : scene.background) v = in.f32();
+  for (float& v : scene.bounds_min) v = in.f32();
+  for (float& v : scene.bounds_max) v = in.f32();
+  scene.near_plane = in.f32();
+  StartCamera camera;
+  camera.width = in.u32();
+  camera.height = in.u32();
+  for (float& v : camera.rotation) v = in.f32();
+  for (float& v : camera.translation) v = in.f32();
+  for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v = in.f32();
+  scene.generator = in.string();
+  scene.title = in.string();
+  scene.metres_per_unit = in.f32();
+  for (float& v : scene.up) v = in.f32();
+  for (float& v : scene.floor) v = in.f32();
+  scene.sound = in.string();
+  scene.sound_begin = in.f64();
+  if (!in.ok()) {
+    findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
+    return false;
+  }
+  const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
+  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.harmonics)) {
+    findings.unsupported(N::kMetadataConvention, offset + 12,
+                         "metadata: kernel {}, axes {}, colour {}, harmonics {}: one of them is "
+                         "unknown to this version",
+                         scene.kernel, axes, scene.colour, scene.harmonics);
+    return false;
+  }
+  if (scene.kernel != 0 || scene.colour != 0 || scene.harmonics != 0) {
+    findings.warning(
+        N::kMetadataConvention, offset + 12,
+        "metadata: kernel {}, colour {}, harmonics {}, of a later version, are shown as 0",
+        scene.kernel, scene.colour, scene.harmonics);
+  }
+  metadata.profile_number = profile;
+  metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
+                                                                  : Profile::kUnknown;
+  if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
+  if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
+    findings.error(N::kTimeBase, offset, "metadata: {} frames of {}/{} s", scene.frames,
+                   scene.time_base.numerator, scene.time_base.denominator);
+    return false;
+  }
+  if (metadata.sh_degree > 3) {
+    findings.unsupported(N::kShDegree, offset + 18, "metadata: harmonics of degree {}, not 0 to 3",
+                         metadata.sh_degree);
+    return false;
+  }
+  check_metadata_values(metadata, offset, findings);
+  return true;
+}
+
+bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                  SceneMetadata& metadata, Findings& findings) {  // spec 4.5
+  if (payload.size() < kWindowBytes) {
+    findings.error(N::kWindow, offset, "window: {} bytes are too few", payload.size());
+    return false;
+  }
+  ByteReader in(payload);
+  CaptureWindow window;
+  window.first_frame = in.u32();
+  window.capture_frames = in.u32();
+  window.capture = in.u64();
+  window.training = in.u64();
+  metadata.window = window;
+  return true;
+}
+
+void check_window(SceneMetadata& metadata, Findings& findings) {
+  if (!metadata.window) return;
+  const CaptureWindow window = *metadata.window;
+  if (std::uint64_t{window.first_frame} + metadata.frames <= window.capture_frames) return;
+  findings.damage(N::kWindow, kHeaderBytes,
+                  "window: {} frames from frame {} on do not lie in a capture of {} frames",
+                  metadata.frames, window.first_frame, window.capture_frames);
+  metadata.window.reset();
+}
+
+}  // namespace stgs
