@@ -70,7 +70,7 @@ class Converting(CliTest):
         before, after = (sorted(zip(*vertices(self.read(name))[0].values()))
                          for name in ("a.ply", "c.ply"))
         self.assertEqual(before, after)
-        packed = self.json_of("convert", "a.ply", "d.stgs", "--quality", "85")
+        packed = self.json_of("convert", "a.ply", "d.stgs", "--quality", "85.5")
         self.assertEqual(self.json_of("info", "d.stgs")["profile"], "quantised")
         self.assertGreater(packed["errors"]["position_max"], 0)
         self.assertLess(packed["errors"]["position_max"], 0.03)

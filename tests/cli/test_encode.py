@@ -50,6 +50,14 @@ class Packing(CliTest):
         self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
         self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
         self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
+        self.assertIsNone(info["sound"])
+        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--sound", "../a.opus", "--sound-at", "-0.5")
+        self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
+        self.assertEqual(self.json_of("info", "again.stgs")["sound"], {"place": "../a.opus", "begin_s": -0.5})
+        self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"sound +../a.opus, from -0.500 s")
+        self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
+                         "where the sound is")
+        self.fails(1, "--sound", "pack", tiny, "-o", "x.stgs", "--sound-at", "1")
         self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
         self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
 

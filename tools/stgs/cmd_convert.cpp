@@ -212,6 +212,7 @@ class Convert final : public Command {
     }
     if (!m.title.empty()) lose("the title");
     if (m.metres_per_unit > 0) lose("how many metres a unit is");
+    if (!m.sound.empty()) lose("where the sound is");
     if (!lost.empty())
       work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }
@@ -300,7 +301,7 @@ class Convert final : public Command {
   std::string input_, output_;
   ImportOptions import_;
   std::optional<double> seconds_;
-  std::optional<int> quality_;
+  std::optional<double> quality_;
 };
 
 }  // namespace

@@ -152,6 +152,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"metres_per_unit", m.metres_per_unit > 0 ? Json(m.metres_per_unit) : Json(nullptr)},
                {"up", nullptr},
                {"floor", nullptr},
+               {"sound", nullptr},
                {"background", std::vector<float>(m.background, m.background + 3)},
                {"near_plane", m.near_plane},
                {"generator", m.generator},
@@ -167,6 +168,9 @@ Json to_json(const SceneReader& reader, const std::string& path) {
   if (has_up(m)) {
     json["up"] = m.up;
     json["floor"] = m.floor;
+  }
+  if (!m.sound.empty()) {
+    json["sound"] = {{"place", m.sound}, {"begin_s", m.time_base.seconds(m.sound_begin)}};
   }
   if (m.window) {
     json["window"] = {{"first_frame", m.window->first_frame},
@@ -206,6 +210,10 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
     out +=
         fmt::format("  up               {:.4g} {:.4g} {:.4g}, the floor at {:.4g} {:.4g} {:.4g}\n",
                     m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
+  }
+  if (!m.sound.empty()) {
+    out += fmt::format("  sound            {}, from {:.3f} s on\n", m.sound,
+                       m.time_base.seconds(m.sound_begin));
   }
   if (reader.form() != SceneForm::kFinished) {
     out += fmt::format(

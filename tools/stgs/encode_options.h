@@ -78,6 +78,8 @@ class PackOptions {
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
   double metres_ = 0;  // a unit; 0: not given
   std::vector<float> up_, floor_;
+  std::string sound_;
+  double sound_seconds_ = 0;
 };
 
 // Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV. `accept`, where given, is

@@ -54,6 +54,15 @@ void PackOptions::declare(CLI::App& app) {
   };
   vector("--up", up_, "X,Y,Z: the direction against gravity, for the file to say");
   vector("--floor", floor_, "X,Y,Z: a point of the floor, beside --up, in scene units");
+  auto* sound =
+      app.add_option("--sound", sound_,
+                     "Where its sound is, for the file to say: a URI, or a path from the\n"
+                     "file's own folder")
+          ->group(group);
+  app.add_option("--sound-at", sound_seconds_, "The moment at which the sound begins, seconds")
+      ->check(number_between(-1e6, 1e6))
+      ->needs(sound)
+      ->group(group);
 }
 
 encoder::PackSettings PackOptions::settings() const {
@@ -70,6 +79,8 @@ encoder::PackSettings PackOptions::settings() const {
   if (metres_ > 0) settings.metres_per_unit = static_cast<float>(metres_);
   settings.up = point(up_);
   settings.floor = point(floor_);
+  if (!sound_.empty()) settings.sound = sound_;
+  settings.sound_begin = sound_seconds_;
   return settings;
 }
 

@@ -68,8 +68,12 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
   return merged;
 }
 
-// What the settings say of unit, up and floor.
+// What the settings say of unit, up, floor and sound.
 Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
+  if (settings.sound) {
+    metadata.sound = *settings.sound;
+    metadata.sound_begin = metadata.time_base.ticks(settings.sound_begin);
+  }
   if (settings.metres_per_unit) metadata.metres_per_unit = *settings.metres_per_unit;
   if (settings.up) {
     const auto [x, y, z] = *settings.up;

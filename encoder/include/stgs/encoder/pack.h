@@ -25,10 +25,14 @@ struct PackSettings {
   int tiers = 3;             // 1..16
   // A prepared capture: the loss is measured on its test cameras too. Empty: none. For one scene.
   std::string against;
-  // What the file is to say of its space, where the scene does not or says it otherwise.
+  // What the file is to say of its space and its sound, where the scene does not or says it
+  // otherwise.
   std::optional<float> metres_per_unit;       // > 0
   std::optional<std::array<float, 3>> up;     // against gravity, of any length but 0
   std::optional<std::array<float, 3>> floor;  // a point of the floor; where up is known
+  // Where the scene's sound is (SceneMetadata::sound), and when it begins, seconds.
+  std::optional<std::string> sound;
+  double sound_begin = 0;
 };
 
 // A merged window: the frames at which its primitives are drawn.
