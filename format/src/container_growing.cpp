@@ -171,19 +171,13 @@ class Fragments {
 // lost, if none behind it lists it too.
 bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
               std::vector<Fragment>& chain, Findings& findings) {
-  std::uint64_t bytes = 0;
+  std::uint64_t bytes = last.payload.size();
   chain.push_back(std::move(last));
   while (chain.back().header.previous != 0) {
-    bytes += chain.back().payload.size();
     const std::uint64_t previous = chain.back().header.previous;
     if (previous < head.header.head_bytes || previous >= chain.back().offset) {
       findings.error(N::kFragment, chain.back().offset,
                      "a fragment of the index follows one at byte {}, which cannot be", previous);
-      return false;
-    }
-    if (bytes > head.limits.max_memory) {
-      findings.unsupported(N::kMemoryLimit, previous,
-                           "the index has more bytes than the limit of {}", head.limits.max_memory);
       return false;
     }
     Result<Found> found = fragments.at(previous, chain.back().offset);
@@ -197,6 +191,12 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
       return false;
     }
     if (!*found) break;
+    bytes += (*found)->payload.size();
+    if (bytes > head.limits.max_memory) {
+      findings.unsupported(N::kMemoryLimit, previous,
+                           "the index has more bytes than the limit of {}", head.limits.max_memory);
+      return false;
+    }
     chain.push_back(std::move(**found));
   }
   std::reverse(chain.begin(), chain.end());

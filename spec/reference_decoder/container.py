@@ -90,6 +90,8 @@ def read_aside(file, tag, payload, payload_sum, have):
 
 
 def read_head(file, limits):
+    need(file.head_bytes <= limits.max_memory, "conformance 1.5", f"a head of {file.head_bytes} bytes",
+         unsupported=True)
     have = {}
     at = HEADER
     while at < file.head_bytes:
@@ -207,6 +209,8 @@ def read_fragments(file):  # 5.12
             if found is None:
                 break
         chain.insert(0, found)
+    held = sum(len(found.index.data) + 8 for found in chain)
+    need(held <= file.limits.max_memory, "conformance 1.5", f"{held} bytes of index", unsupported=True)
     for found in chain:
         need(found.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
         need(found.flags & 1 == 0 or found is last, "5.12", "a fragment follows a closed one")

@@ -137,7 +137,7 @@ class DamagedScenes(CliTest):
              self.write("magic.stgs", flipped(self.good, 1))),
             (INVALID, "meta.stgs: record 'META' is damaged",
              self.write("meta.stgs", flipped(self.good, 80))),
-            (UNSUPPORTED, "newer_major.stgs.*format version 1.6",
+            (UNSUPPORTED, "newer_major.stgs.*format version [0-9]",
              self.fixture("newer_major.stgs")),
             (INVALID, "huge_count.stgs.*claims 4294967295 primitives",
              self.fixture("huge_count.stgs")),

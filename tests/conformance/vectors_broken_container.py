@@ -206,10 +206,28 @@ def broken_index():
     layt = layouts_payload([{0: 2048, 1: 2048}] * 2, [float_streams(3, 0, 1)])
     must_fail("limit_of_tables", "conformance 1.5", "two tables of LAYT, more than the limit",
               plain(layouts=layt), {"max_memory": 32767})
+    head_bytes = struct.unpack_from("<Q", plain().bytes(), 24)[0]
+    must_fail("limit_of_a_head", "conformance 1.5", "a byte more than the limit", plain(),
+              {"max_memory": head_bytes - 1})
+    # Fragments 4, 6 and 7 are read, of 4, 2 and 1 stretches; number 16 has all.
+    sizes = fragment_sizes(growing(stretches(7)))
+    must_fail("limit_of_fragments", "conformance 1.5", "the index of a recording, a byte more than the limit",
+              growing(stretches(7)), {"max_memory": sizes[3] + sizes[5] + sizes[6] - 1})
+    must_fail("limit_of_a_fragment", "conformance 1.5", "one fragment, a byte more than the limit",
+              growing(stretches(16)), {"max_memory": fragment_sizes(growing(stretches(16)))[15] - 1})
     must_fail("limit_of_primitives", "conformance 1.5", "3 primitives, the limit is 2", plain(),
            {"max_primitives": 2})
     must_fail("limit_of_memory", "conformance 1.5", "240 bytes of floats, the limit is 239", plain(),
            {"max_memory": 239})
+
+
+def fragment_sizes(data):
+    """The bytes of the payloads of a recording's fragments."""
+    sizes, at = [], data.find(b"FRAG")
+    while at >= 0:
+        sizes.append(struct.unpack_from("<Q", data, at + 8)[0])
+        at = data.find(b"FRAG", at + 1)
+    return sizes
 
 
 def expansion():

@@ -64,6 +64,18 @@ def sound_lossless():
            "that no record has", plain(body=Body(streams, 3, layout=1), layouts=layt))
 
 
+def sums(n):
+    """Streams whose differences are all alike: no planes, and no end of the sums."""
+    def same(attribute, mapping, e, v, prediction=0, bits=(8,), origin=()):
+        return Stream(attribute, mapping, e, [[value] * n for value in v], prediction, RANS, bits, origin)
+
+    return [same(1, 1, -12, [73], 3), same(2, 1, -12, [2], 2, origin=(10.0,)),
+            same(3, 2, 0, [4], 2, origin=(0.5,)), same(4, 2, 3, [2], 2, origin=(0.25, 0.25)),
+            same(5, 3, -20, [2, 4, 1], 2), same(6, 1, -14, [2, 1, 4], 2, origin=(-3.0,) * 3),
+            same(7, 4, -9, [2, 4, 6], 1), same(8, 1, -12, [1], 2, origin=(4.0,)),
+            same(9, 5, -20, [2, 1, 4], 2)]
+
+
 def sound_coded():
     vector("coded", "7", "mappings 1 to 5 and 7, predictions 0 to 3, all rANS, persistent", coded())
     vector("shaped_rotation", "7.5.7", "mapping 6", coded(40, shaped=True))
@@ -140,5 +152,7 @@ def sound_coded():
     most = (1 << 22) - 1
     colour = Stream(9, 5, -24, [[most, (1 << 32) - most, 1], [most, most, 2], [(1 << 32) - most, most, 3]])
     vector("colour_of_24_bits", "7.5.6", "the greatest channels", replaced(colour))
+    vector("sums_over_16500", "7.4", "keys and differences that add up over many primitives",
+           plain(body=own_body(sums(16500), 16500)))
     linear = coded_streams(5, 0, 40, moment=False)
     vector("linear_time", "7.5.2", "mapping 1 for time", plain(body=own_body(linear, 5)))
