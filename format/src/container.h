@@ -103,6 +103,7 @@ struct PartEntry {
   double begin = 0, end = 0;          // ticks
   std::uint64_t skip = 0;             // bytes between the records of the part before and its own
   std::optional<TickRange> cut = {};  // what of it is shown, where that is not all
+  double chunk_ticks = 0;             // its own; 0: the index's
 };
 
 // A further record of a segment (spec 5.13).
@@ -207,6 +208,9 @@ struct FileHead {
     return entry.bytes == 0 || (entry.offset <= there && entry.bytes <= there - entry.offset);
   }
   bool growing() const { return (header.flags & kGrowing) != 0; }
+  double chunk_of(std::uint32_t part) const {
+    return parts[part].chunk_ticks > 0 ? parts[part].chunk_ticks : index.chunk_ticks;
+  }
 };
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
                   SceneMetadata& metadata, Findings& findings);

@@ -14,7 +14,8 @@ using N = IssueNumber;
 constexpr int kMaxLevel = 30;
 constexpr std::uint64_t kMaxTotals = 1024;      // spec 5.2
 constexpr std::uint64_t kApart = 1, kMore = 2;  // bits of a segment's shape, spec 5.3
-constexpr std::uint64_t kCut = 1;               // bit of a part's skip
+constexpr std::uint64_t kCut = 1, kChunk = 2;   // bits beside a part's skip
+constexpr int kSkipShift = 2;
 
 bool persistent(const IndexEntry& entry) {
   return entry.level < 0;
@@ -124,10 +125,16 @@ class IndexReader {
     part.begin = in_.f64();
     part.end = in_.f64();
     const std::uint64_t skip = in_.varint();
-    part.skip = skip >> 1;
+    part.skip = skip >> kSkipShift;
     if ((skip & kCut) != 0) part.cut = {in_.f64(), in_.f64()};
+    if ((skip & kChunk) != 0) part.chunk_ticks = in_.f64();
     const std::uint64_t segments = in_.varint();
     if (!in_.ok()) return cut_off();
+    if ((skip & kChunk) != 0 && !is_chunk(part.chunk_ticks)) {
+      findings_.error(N::kChunk, at, "index: part {} has a chunk of {} ticks", head_.parts.size(),
+                      part.chunk_ticks);
+      return false;
+    }
     const TickRange shown = part.cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
     const bool moments = is_moment(part.begin) && is_moment(part.end) && is_moment(shown.begin) &&
                          is_moment(shown.end) && part.end - part.begin <= kMostChunk;
@@ -183,7 +190,7 @@ class IndexReader {
                       ordinal());
       return false;
     }
-    if (last_ && !comes_before(*last_, base, head_.index.chunk_ticks)) {
+    if (last_ && !comes_before(*last_, base, head_.chunk_of(segment.part))) {
       findings_.error(N::kSegmentOrder, at, "index: segment {} is out of order", ordinal());
       return false;
     }
@@ -310,16 +317,15 @@ void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry
 // Takes the segments of an index one after the other, in the order of the file.
 class Runs {
  public:
-  explicit Runs(const FileIndex& index)
-      : segments_(index.segments), further_(index.further), chunk_(index.chunk_ticks) {}
+  explicit Runs(const FileIndex& index) : segments_(index.segments), further_(index.further) {}
 
-  // Writes the next segment of a part; false where there is none.
-  bool write_next(std::uint32_t part, Places& places, ByteWriter& out) {
+  // Writes the next segment of a part of this chunk; false where there is none.
+  bool write_next(std::uint32_t part, double chunk, Places& places, ByteWriter& out) {
     const bool tiers = segment_ < segments_.size() && segments_[segment_].part == part;
     const bool more = record_ < further_.size() && further_[record_].part == part;
     if (!tiers && !more) return false;
-    const auto before = [this](const IndexEntry& a, const IndexEntry& b) {
-      return comes_before(a, b, chunk_);
+    const auto before = [chunk](const IndexEntry& a, const IndexEntry& b) {
+      return comes_before(a, b, chunk);
     };
     std::size_t end = segment_, end_more = record_;
     if (tiers && !(more && before(further_[record_].entry, segments_[segment_].base))) {
@@ -338,7 +344,6 @@ class Runs {
  private:
   std::span<const SegmentEntry> segments_;
   std::span<const FurtherEntry> further_;
-  double chunk_ = 0;
   std::size_t segment_ = 0, record_ = 0;
 };
 
@@ -382,15 +387,18 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     out.f64(parts[p].begin);
     out.f64(parts[p].end);
-    out.varint(parts[p].skip << 1 | (parts[p].cut ? kCut : 0));
+    const bool own_chunk = parts[p].chunk_ticks > 0;
+    out.varint(parts[p].skip << kSkipShift | (own_chunk ? kChunk : 0) | (parts[p].cut ? kCut : 0));
     if (parts[p].cut) {
       out.f64(parts[p].cut->begin);
       out.f64(parts[p].cut->end);
     }
+    if (own_chunk) out.f64(parts[p].chunk_ticks);
     ByteWriter rows;
     std::uint64_t runs = 0;
     Places places;
-    while (segments.write_next(p, places, rows)) ++runs;
+    const double chunk = own_chunk ? parts[p].chunk_ticks : index.chunk_ticks;
+    while (segments.write_next(p, chunk, places, rows)) ++runs;
     out.varint(runs);
     out.bytes(rows.view());
   }

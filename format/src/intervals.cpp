@@ -30,7 +30,7 @@ Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double l
 }
 
 Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
-  return interval_of(entry.level, entry.slot, head.index.chunk_ticks,
+  return interval_of(entry.level, entry.slot, head.chunk_of(part),
                      head.parts[part].end - head.parts[part].begin);
 }
 

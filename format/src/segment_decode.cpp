@@ -228,7 +228,7 @@ SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
   const PartEntry& part = head.parts[segment.part];
   SegmentContext out;
   out.part_ticks = static_cast<float>(part.end - part.begin);
-  out.begin = begin_of(segment.base.level, segment.base.slot, head.index.chunk_ticks);
+  out.begin = begin_of(segment.base.level, segment.base.slot, head.chunk_of(segment.part));
   out.first_key = records.base.first_key;
   return out;
 }

@@ -27,8 +27,7 @@ class Tier:
 
 def read_index(file, fields, at, end=None):  # 5.2
     chunk, stated = fields.f64(), fields.number()
-    need(2.0 ** -20 <= chunk <= 2.0 ** 32 and math.fmod(chunk, 2.0 ** -20) == 0, "5.2",
-         f"a chunk of {chunk} ticks")
+    need_chunk(chunk, "5.2")
     need(file.chunk in (None, chunk), "5.12", "another chunk than the fragment before")
     file.chunk = chunk
     totals = fields.number()
@@ -44,6 +43,11 @@ def read_index(file, fields, at, end=None):  # 5.2
     need(total == stated, "5.2", f"{total} primitives, not {stated}")
 
 
+def need_chunk(chunk, clause):
+    need(2.0 ** -20 <= chunk <= 2.0 ** 32 and math.fmod(chunk, 2.0 ** -20) == 0, clause,
+         f"a chunk of {chunk} ticks")
+
+
 def count_of(fields, clause):
     """A count of things of which each takes a byte at least."""
     count = fields.number()
@@ -53,14 +57,17 @@ def count_of(fields, clause):
 
 def read_part(file, fields, chunk, at, body_end):  # 5.3
     begin, end = fields.f64(), fields.f64()
-    skip = fields.number()
-    first, last = (fields.f64(), fields.f64()) if skip % 2 == 1 else (max(begin, 0.0), end)
+    skip, other, cut = (number := fields.number()) // 4, number // 2 % 2, number % 2
+    first, last = (fields.f64(), fields.f64()) if cut else (max(begin, 0.0), end)
+    if other:
+        chunk = fields.f64()
+        need_chunk(chunk, "5.3")
     for moment in (begin, end, first, last):
         need(abs(moment) <= 2.0 ** 32 and math.fmod(moment, 2.0 ** -20) == 0, "5.3", f"moment {moment}")
     need(begin < end, "5.3", f"a part of [{begin}, {end})")
     need(end - begin <= 2.0 ** 32, "5.3", f"a part of {end - begin} ticks")
-    need(skip % 2 == 0 or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
-    at += skip // 2
+    need(not cut or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
+    at += skip
     need(at <= body_end, "5.3", "a skip beyond the body")
     last_slot, last_order = {}, None
     for _ in range(count_of(fields, "5.3")):

@@ -63,7 +63,7 @@ Bytes index_of(const std::vector<std::uint64_t>& numbers, std::uint64_t primitiv
   out.varint(1);
   out.f64(0);
   out.f64(kFrames);
-  out.varint(2 * skip);
+  out.varint(4 * skip);
   out.varint(segments);
   for (const std::uint64_t number : numbers) out.varint(number);
   return out.take();
@@ -133,6 +133,8 @@ TEST_CASE("the index's claims are checked before anything is allocated") {
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {10, 10}; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {0, kFrames + 1}; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = NAN; }) == 311);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p33; }) == 301);
+  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p-21; }) == 301);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames; }) == 311);
   CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames - 0.5; }) == 302);
   CHECK(first_issue(whole, [](FileHead& h) {

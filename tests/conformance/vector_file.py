@@ -290,6 +290,7 @@ class Part:
     after: bytes = b""      # records behind this part's
     skip: int = None        # what the index says instead of their size
     cut: tuple = None       # what of it is shown
+    chunk: float = None     # another than the file's
 
 
 @dataclass
@@ -322,8 +323,10 @@ class File:
         out += number(len(self.parts))
         for p in self.parts:
             skip = len(p.before) if p.skip is None else p.skip
-            out += struct.pack("<dd", p.begin, p.end) + number(2 * skip + bool(p.cut))
-            out += (struct.pack("<dd", *p.cut) if p.cut else b"") + number(len(p.segments))
+            out += struct.pack("<dd", p.begin, p.end) + number(4 * skip + 2 * (p.chunk is not None) + bool(p.cut))
+            out += struct.pack("<dd", *p.cut) if p.cut else b""
+            out += b"" if p.chunk is None else struct.pack("<d", p.chunk)
+            out += number(len(p.segments))
             last_slots = {}
             out += b"".join(s.row(last_slots) for s in p.segments)
         return out + self.index_extra

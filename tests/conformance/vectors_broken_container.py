@@ -59,6 +59,7 @@ def broken_rules():
             ("part_cut_before_the_timeline", "shown from -1 on", dict(begin=-2, cut=(-1, 30))),
             ("part_moment", "a beginning of 2^-21 ticks", dict(begin=2.0 ** -21)),
             ("part_far", "an end beyond 2^32", dict(end=2.0 ** 33)),
+            ("part_chunk", "a chunk of its own that is none", dict(chunk=0.0)),
             ("part_too_long", "2^32 + 1 ticks", dict(begin=-1.0, end=2.0 ** 32))):
         must_fail(name, "5.3", about, File([Part([one(-1, 0)], **part)], Meta(profile=0)))
     for tag in (b"SEGM", b"FRAG"):

@@ -40,6 +40,13 @@ def sound_container():
              Part([Segment(0, 3, [own_body(coded_streams(2, 0, 4), 2)])], 2.5, 1000, cut=(12.25, 40))]
     vector("parts_cut", "5.10", "parts that begin before the timeline or end after it, each shown in part",
            File(shown, Meta()))
+    joined = [Part([Segment(0, 2, [own_body(coded_streams(3, 0, 3), 3)])], 0, 15),
+              Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 0, 15), 2)]),
+                    Segment(1, 2, [own_body(coded_streams(2, 0, 4), 2)]),
+                    Segment(1, 3, [Body(float_streams(1, 0, 5, 7.5, 5), 1)])], 15, 30, cut=(15, 29),
+                   chunk=2.5 + 2.0 ** -20)]
+    vector("parts_of_two_chunks", "5.3", "clips of two chunks joined: intervals, order and moments follow the part's",
+           File(joined, Meta()))
     longest = Part([Segment(-1, 0, [Body(float_streams(2, 0, 3, 2.0 ** 31, 20), 2)])], -2.0 ** 31, 2.0 ** 31)
     before = Part([Segment(-1, 0, [Body(float_streams(1, 0, 4), 1)])], -30, 0)
     vector("part_of_2_to_32", "5.3", "the longest part; one that is never shown",
