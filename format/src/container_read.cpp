@@ -122,15 +122,17 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     findings.error(N::kHeaderChecksum, 32, "the file header is damaged (checksum)");
     return false;
   }
-  if (header.major == kFormatMajor && header.minor < kOldestMinor) {
+  if (header.major == 0) {
     findings.unsupported(N::kVersion, 8,
-                         "format version {}.{} was an experiment that is no longer read; write the "
-                         "file again with a program of version {}.{}",
-                         header.major, header.minor, kFormatMajor, kFormatMinor);
+                         "format version 0.{} was an experiment before {}.0 and is not read; make "
+                         "the file again from what it was made of ('stgs train', 'pack' or "
+                         "'convert'), or read it with the program that made it",
+                         header.minor, kFormatMajor);
     return false;
   }
   if (header.major != kFormatMajor) {
-    findings.unsupported(N::kVersion, 8, "format version {}.{}; this program reads {}.x",
+    findings.unsupported(N::kVersion, 8,
+                         "format version {}.{}; this program reads {}.x: a later one is needed",
                          header.major, header.minor, kFormatMajor);
     return false;
   }

@@ -19,7 +19,7 @@ enum class IssueNumber : int {
   kTooShort = 101,            // fewer bytes than a header
   kMagic = 102,               // not an .stgs file, or damaged as text
   kHeaderChecksum = 103,      //
-  kVersion = 104,             // another major version, or a minor one that is no longer read
+  kVersion = 104,             // another major version
   kHeaderFlags = 105,         // a critical flag that is not known
   kFileSize = 106,            // truncated, or bytes after the end
   kHeadSize = 107,            // head_bytes outside the file

@@ -43,8 +43,7 @@ def read_header(data):
     major, minor, flags = fields.u16(), fields.u16(), fields.u32()
     file_bytes, head_bytes = fields.u64(), fields.u64()
     need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
-    need(major == 0, "2.5", f"major version {major}", unsupported=True)
-    need(minor >= 7, "2.5", f"minor version {minor}", unsupported=True)
+    need(major == 1, "2.5", f"version {major}.{minor}", unsupported=True)
     need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
     growing = flags & 1 == 1
     need(file_bytes == 0 or not growing, "2.6", "a growing file that states its size")

@@ -200,6 +200,10 @@ Status write_all(const std::string& folder) {
                               [](FileHead& head) { head.index.primitives += 1; }));
   STGS_TRY(write_changed_head(bytes, folder + "/newer_major.stgs",
                               [](FileHead& head) { head.header.major = kFormatMajor + 1; }));
+  STGS_TRY(write_changed_head(bytes, folder + "/experiment.stgs", [](FileHead& head) {
+    head.header.major = 0;
+    head.header.minor = 6;
+  }));
   STGS_TRY(write_changed_head(bytes, folder + "/wide_start.stgs", [](FileHead& head) {
     head.metadata.scene.start_camera->width = 0x80000040;
   }));

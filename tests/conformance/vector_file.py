@@ -8,7 +8,7 @@ import xxhash
 
 COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 9, 11: 15, 12: 21}
 STORED, RANS = 0, 1
-VERSION = 0, 7
+VERSION = 1, 0
 
 
 def checksum(data):

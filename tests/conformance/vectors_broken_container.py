@@ -115,8 +115,8 @@ def broken_header():
     must_fail("magic", "2.1", "another first byte", with_byte(good, 0))
     must_fail("text_transfer", "2.1", "line ends translated", good[:4] + b"\n" + good[6:])
     must_fail("header_checksum", "2.2", "a flipped bit", with_byte(good, 9))
-    must_fail("major_version", "2.5", "major version 1", plain(major=1))
-    must_fail("minor_version", "2.5", "minor version 6, an experiment", plain(minor=6))
+    must_fail("major_version", "2.5", "major version 2", plain(major=2))
+    must_fail("experiment", "2.5", "version 0.6", plain(major=0, minor=6))
     must_fail("header_flags", "2.4", "an unknown critical flag", plain(flags=2))
     must_fail("truncated", "2.6", "the last byte is missing", good[:-1])
     must_fail("truncated_head", "2.6", "the last byte of the head is missing",

@@ -17,9 +17,8 @@
 
 namespace stgs {
 
-inline constexpr std::uint16_t kFormatMajor = 0;
-inline constexpr std::uint16_t kFormatMinor = 7;
-inline constexpr std::uint16_t kOldestMinor = 7;  // those before were experiments
+inline constexpr std::uint16_t kFormatMajor = 1;
+inline constexpr std::uint16_t kFormatMinor = 0;
 
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float as trained
