@@ -38,6 +38,8 @@ void draw_statistics(Playback& playback, const OverlayFacts& facts) {
   const player::RenderStats& s = facts.stats;
   ImGui::SetNextWindowPos({kMargin, kMargin});
   ImGui::SetNextWindowBgAlpha(0.6f);
+  // Wide enough for most, so that a longer line of the next picture is not cut for a moment.
+  ImGui::SetNextWindowSizeConstraints({30 * ImGui::GetFontSize(), 0}, {1e4f, 1e4f});
   ImGui::Begin("statistics", nullptr,
                kBare | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
   text(fmt::format("{:.1f} FPS  {:.1f} ms   {}x{}", facts.fps, facts.frame_ms, facts.size.width,

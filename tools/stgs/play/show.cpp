@@ -20,8 +20,8 @@
 namespace stgs::tools {
 namespace {
 
-constexpr Size kFirstSize{1280, 720};     // where no other is asked for
-constexpr double kIdle = 0.02;            // seconds between looks at a window that shows nothing
+constexpr Size kFirstSize{1280, 720};  // where no other is asked for
+constexpr double kIdle = 0.05;         // seconds between looks at a window in which nothing changes
 constexpr double kWholeTurn = 6.2831853;  // radians, of a drag over the whole window
 constexpr double kWheelStep = 0.9;        // of the distance
 constexpr double kFlight = 0.5;           // of the distance to what is looked at, a second
@@ -83,7 +83,7 @@ class Show {
     const double begin = now_seconds();
     while (!window_->closing() && !done_) {
       if (interrupted()) return runtime_error("the window is closed");
-      window_->look(0);
+      window_->look(is_still() ? kIdle : 0);
       STGS_TRY(picture());
       STGS_TRY(look_at_saving(false));
     }
@@ -104,6 +104,13 @@ class Show {
                                    static_cast<double>(kFirstSize.height) / camera.height});
     return {std::max(1, static_cast<int>(std::lround(scale * camera.width))),
             std::max(1, static_cast<int>(std::lround(scale * camera.height)))};
+  }
+
+  // Whether the next picture is as the last: then it need not come as fast as the screen shows
+  // them.
+  bool is_still() const {
+    return is_open_ && complete_ && !moved_ && !save_ && settings_.screenshot.empty() &&
+           !playback_.is_playing();
   }
 
   // Once the file is open: where to look from, and how large the window is to be.
@@ -133,7 +140,8 @@ class Show {
     take_keys();
     if (is_open_) {
       report_.seconds = playback_.advance(now);
-      move_camera(passed);
+      const bool dragged = drag(), flown = fly(passed);
+      moved_ = dragged || flown;
       if (overlay_) draw_overlay(playback_, facts(now));
     } else {
       draw_opening(settings_.playback.file);
@@ -262,31 +270,39 @@ class Show {
     }
   }
 
-  void move_camera(double passed) {
+  // By the mouse; whether one of its buttons holds the scene.
+  bool drag() {
     const ImGuiIO& io = ImGui::GetIO();
-    if (!io.WantCaptureMouse) {
-      const double radians = kWholeTurn / std::max(io.DisplaySize.y, 1.0f);
-      const double x = io.MouseDelta.x, y = io.MouseDelta.y;
-      if (io.MouseDown[ImGuiMouseButton_Left]) camera_->orbit(-radians * x, radians * y);
-      if (io.MouseDown[ImGuiMouseButton_Right]) camera_->look(radians * x, -radians * y);
-      if (io.MouseDown[ImGuiMouseButton_Middle]) {
-        const double units = camera_->distance() / std::max(io.DisplaySize.y, 1.0f);
-        camera_->move(-units * x, units * y, 0);
-      }
-      if (io.MouseWheel != 0) camera_->approach(std::pow(kWheelStep, io.MouseWheel));
+    if (io.WantCaptureMouse) return false;
+    const double radians = kWholeTurn / std::max(io.DisplaySize.y, 1.0f);
+    const double x = io.MouseDelta.x, y = io.MouseDelta.y;
+    const bool left = io.MouseDown[ImGuiMouseButton_Left],
+               right = io.MouseDown[ImGuiMouseButton_Right],
+               middle = io.MouseDown[ImGuiMouseButton_Middle];
+    if (left) camera_->orbit(-radians * x, radians * y);
+    if (right) camera_->look(radians * x, -radians * y);
+    if (middle) {
+      const double units = camera_->distance() / std::max(io.DisplaySize.y, 1.0f);
+      camera_->move(-units * x, units * y, 0);
     }
-    const auto key = [&](int plus, int minus) {
+    if (io.MouseWheel != 0) camera_->approach(std::pow(kWheelStep, io.MouseWheel));
+    return left || right || middle;
+  }
+
+  // By the keys that are held down, if any are.
+  bool fly(double passed) {
+    const auto axis = [&](int plus, int minus) {
       return static_cast<double>(window_->is_down(plus)) -
              static_cast<double>(window_->is_down(minus));
     };
+    const double right = axis(GLFW_KEY_D, GLFW_KEY_A), up = axis(GLFW_KEY_E, GLFW_KEY_Q),
+                 forward = axis(GLFW_KEY_W, GLFW_KEY_S);
+    if (right == 0 && up == 0 && forward == 0) return false;
     const bool fast =
         window_->is_down(GLFW_KEY_LEFT_SHIFT) || window_->is_down(GLFW_KEY_RIGHT_SHIFT);
     const double way = passed * kFlight * camera_->distance() * (fast ? kFast : 1);
-    const double right = key(GLFW_KEY_D, GLFW_KEY_A), up = key(GLFW_KEY_E, GLFW_KEY_Q),
-                 forward = key(GLFW_KEY_W, GLFW_KEY_S);
-    if (right != 0 || up != 0 || forward != 0) {
-      camera_->move(way * right, way * up, way * forward);
-    }
+    camera_->move(way * right, way * up, way * forward);
+    return true;
   }
 
   Session& session_;
@@ -303,6 +319,7 @@ class Show {
   std::uint64_t number_ = 0;   // of the last one that was submitted
   double last_ = now_seconds();
   bool is_open_ = false, overlay_ = true, save_ = false, complete_ = false, done_ = false;
+  bool moved_ = false;  // the camera, or the viewer is about to
   std::future<Result<std::string>> saving_;
 };
 
