@@ -5,54 +5,14 @@
 
 #include "bytes.h"
 #include "container.h"
+#include "index_places.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
 
-constexpr int kMaxLevel = 30;
-constexpr std::uint64_t kMaxTotals = 1024;      // spec 5.2
-constexpr std::uint64_t kApart = 1, kMore = 2;  // bits of a segment's shape, spec 5.3
-constexpr std::uint64_t kCut = 1, kChunk = 2;   // bits beside a part's skip
-constexpr int kSkipShift = 2;
-
-bool persistent(const IndexEntry& entry) {
-  return entry.level < 0;
-}
-
-// Order of the segments of a part: by beginning, the longer first (spec 5.6).
-bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk) {
-  if (persistent(a) || persistent(b)) return persistent(a) && !persistent(b);
-  const double begin_a = begin_of(a.level, a.slot, chunk);
-  const double begin_b = begin_of(b.level, b.slot, chunk);
-  return begin_a != begin_b ? begin_a < begin_b : a.level > b.level;
-}
-
-// The place of a segment as one number: small where it follows the last one of its level in a part.
-class Places {
- public:
-  std::uint64_t number_of(const IndexEntry& entry) {
-    std::uint64_t& next = next_[static_cast<std::size_t>(entry.level + 1)];
-    const std::uint64_t number = (entry.slot - next) << 5 | static_cast<unsigned>(entry.level + 1);
-    next = std::uint64_t{entry.slot} + 1;
-    return number;
-  }
-  // False where there is no such slot.
-  bool place_of(std::uint64_t number, IndexEntry& entry) {
-    std::uint64_t& next = next_[number & 31];
-    const std::uint64_t step = number >> 5;
-    const std::uint64_t last = (number & 31) == 0 ? 0 : std::numeric_limits<std::uint32_t>::max();
-    if (next > last || step > last - next) return false;
-    entry.level = static_cast<std::int16_t>(static_cast<int>(number & 31) - 1);
-    entry.slot = static_cast<std::uint32_t>(next + step);
-    next = std::uint64_t{entry.slot} + 1;
-    return true;
-  }
-
- private:
-  std::array<std::uint64_t, kMaxLevel + 2> next_{};
-};
+constexpr std::uint64_t kMaxTotals = 1024;  // spec 5.2
 
 class IndexReader {
  public:
@@ -275,78 +235,6 @@ class IndexReader {
   Findings& findings_;
 };
 
-const IndexEntry& entry_of(const SegmentEntry& segment) {
-  return segment.base;
-}
-const IndexEntry& entry_of(const FurtherEntry& further) {
-  return further.entry;
-}
-
-// The entries from `first` on that are of its part and place: one past the last.
-template <typename Entry>
-std::size_t end_of_run(std::span<const Entry> entries, std::size_t first) {
-  const auto place = [&](std::size_t i) {
-    const IndexEntry& entry = entry_of(entries[i]);
-    return std::tuple(entries[i].part, entry.level, entry.slot);
-  };
-  std::size_t end = first;
-  while (end < entries.size() && place(end) == place(first)) ++end;
-  return end;
-}
-
-// A segment: its tiers and its further records, of which one or the other may be none.
-void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry> further,
-               Places& places, ByteWriter& out) {
-  const bool apart = !tiers.empty() && tiers[0].harmonics.bytes > 0;
-  out.varint(places.number_of(tiers.empty() ? further[0].entry : tiers[0].base));
-  out.varint(tiers.size() << 2 | (further.empty() ? 0 : kMore) | (apart ? kApart : 0));
-  for (const SegmentEntry& tier : tiers) {
-    out.varint(tier.base.primitives);
-    out.varint(tier.base.bytes - kRecordHeaderBytes);
-  }
-  for (const SegmentEntry& tier : tiers) {
-    if (apart) out.varint(tier.harmonics.bytes - kRecordHeaderBytes);
-  }
-  if (!further.empty()) out.varint(further.size());
-  for (const FurtherEntry& record : further) {
-    out.varint(record.entry.layer);
-    out.varint(record.entry.bytes - kRecordHeaderBytes);
-  }
-}
-
-// Takes the segments of an index one after the other, in the order of the file.
-class Runs {
- public:
-  explicit Runs(const FileIndex& index) : segments_(index.segments), further_(index.further) {}
-
-  // Writes the next segment of a part of this chunk; false where there is none.
-  bool write_next(std::uint32_t part, double chunk, Places& places, ByteWriter& out) {
-    const bool tiers = segment_ < segments_.size() && segments_[segment_].part == part;
-    const bool more = record_ < further_.size() && further_[record_].part == part;
-    if (!tiers && !more) return false;
-    const auto before = [chunk](const IndexEntry& a, const IndexEntry& b) {
-      return comes_before(a, b, chunk);
-    };
-    std::size_t end = segment_, end_more = record_;
-    if (tiers && !(more && before(further_[record_].entry, segments_[segment_].base))) {
-      end = end_of_run(segments_, segment_);
-    }
-    if (more && !(tiers && before(segments_[segment_].base, further_[record_].entry))) {
-      end_more = end_of_run(further_, record_);
-    }
-    write_run(segments_.subspan(segment_, end - segment_),
-              further_.subspan(record_, end_more - record_), places, out);
-    segment_ = end;
-    record_ = end_more;
-    return true;
-  }
-
- private:
-  std::span<const SegmentEntry> segments_;
-  std::span<const FurtherEntry> further_;
-  std::size_t segment_ = 0, record_ = 0;
-};
-
 }  // namespace
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
@@ -371,50 +259,6 @@ void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& l
                          "index: {} primitives, more than the limit of {}", index.primitives,
                          limits.max_primitives);
   }
-}
-
-std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts) {
-  ByteWriter out;
-  out.f64(index.chunk_ticks);
-  out.varint(index.primitives);
-  out.varint(index.attributes.size());
-  for (const AttributeBytes& attribute : index.attributes) {
-    out.varint(attribute.attribute);
-    out.varint(attribute.bytes);
-  }
-  out.varint(parts.size());
-  Runs segments(index);
-  for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    out.f64(parts[p].begin);
-    out.f64(parts[p].end);
-    const bool own_chunk = parts[p].chunk_ticks > 0;
-    out.varint(parts[p].skip << kSkipShift | (own_chunk ? kChunk : 0) | (parts[p].cut ? kCut : 0));
-    if (parts[p].cut) {
-      out.f64(parts[p].cut->begin);
-      out.f64(parts[p].cut->end);
-    }
-    if (own_chunk) out.f64(parts[p].chunk_ticks);
-    ByteWriter rows;
-    std::uint64_t runs = 0;
-    Places places;
-    const double chunk = own_chunk ? parts[p].chunk_ticks : index.chunk_ticks;
-    while (segments.write_next(p, chunk, places, rows)) ++runs;
-    out.varint(runs);
-    out.bytes(rows.view());
-  }
-  return out.take();
-}
-
-std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
-  std::vector<IndexEntry*> records;
-  for (std::size_t begin = 0; begin < segments.size();) {
-    const std::size_t end = end_of_run(std::span<const SegmentEntry>(segments), begin);
-    for (std::size_t i = begin; i < end; ++i) records.push_back(&segments[i].base);
-    for (; begin < end; ++begin) {
-      if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);
-    }
-  }
-  return records;
 }
 
 }  // namespace stgs
