@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+// How far our pictures of a scene are from those of the rasteriser that "3D Gaussian Splatting"
+// (Kerbl et al. 2023) came with, which the user has fetched: its licence forbids to ship it. Built
+// with -DSTGS_PEER_3DGS=FOLDER of graphdeco-inria/diff-gaussian-rasterization.
+//
+// usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...     JSON; a view a camera
+#include <cuda_rasterizer/rasterizer.h>
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "camera_file.h"
+#include "session.h"
+#include "stgs/encoder/metrics.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+#include "stgs/player/renderer.h"
+
+namespace stgs::tools {
+namespace {
+
+constexpr int kRepeats = 20;
+
+// Device memory that grows as the peer asks for it.
+class DeviceMemory {
+ public:
+  DeviceMemory() = default;
+  DeviceMemory(const DeviceMemory&) = delete;
+  DeviceMemory& operator=(const DeviceMemory&) = delete;
+  ~DeviceMemory() { cudaFree(data_); }
+  char* room(std::size_t bytes) {
+    if (bytes <= bytes_) return data_;
+    cudaFree(data_);
+    data_ = nullptr;
+    bytes_ = cudaMalloc(reinterpret_cast<void**>(&data_), bytes) == cudaSuccess ? bytes : 0;
+    return data_;
+  }
+  const float* hold(const std::vector<float>& values) {
+    char* const to = room(values.size() * sizeof(float));
+    if (to != nullptr) {
+      cudaMemcpy(to, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);
+    }
+    return reinterpret_cast<const float*>(to);
+  }
+
+ private:
+  char* data_ = nullptr;
+  std::size_t bytes_ = 0;
+};
+
+// What the peer draws: the primitives of a moment, activated.
+struct StillSet {
+  std::vector<float> position, scale, rotation, opacity, sh;
+  int degree = 0, coefficients = 0;
+
+  StillSet(const Gaussians4D& set, float ticks)
+      : rotation(set.rotation),
+        sh(set.sh),
+        degree(set.sh_degree),
+        coefficients(set.sh_coefficients()) {
+    const std::size_t n = set.size();
+    position.resize(3 * n);
+    scale.resize(3 * n);
+    opacity.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const float dt = ticks - set.time[i];
+      float square = 0;
+      for (int c = 0; c < 4; ++c) square += rotation[4 * i + c] * rotation[4 * i + c];
+      for (int c = 0; c < 4; ++c) rotation[4 * i + c] /= std::sqrt(square);
+      for (int c = 0; c < 3; ++c) {
+        position[3 * i + c] = set.position[3 * i + c] + set.velocity[3 * i + c] * dt;
+        scale[3 * i + c] = std::exp(set.log_scale[3 * i + c]);
+      }
+      opacity[i] = math::opacity_of(set.opacity_logit[i]) *
+                   math::visibility(dt, set.sigma[i], set.radius[i]);
+    }
+  }
+};
+
+class Peer {
+ public:
+  explicit Peer(const StillSet& set)
+      : n_(static_cast<int>(set.opacity.size())),
+        degree_(set.degree),
+        coefficients_(set.coefficients),
+        position_(arrays_[0].hold(set.position)),
+        scale_(arrays_[1].hold(set.scale)),
+        rotation_(arrays_[2].hold(set.rotation)),
+        opacity_(arrays_[3].hold(set.opacity)),
+        sh_(arrays_[4].hold(set.sh)) {}
+
+  // The picture, and the median of what it takes in ms.
+  Result<Image> draw(const math::PinholeCamera& camera, const float background[3], double& ms) {
+    const math::Mat3& r = camera.rotation;
+    const math::Vec3& t = camera.translation;
+    // Column by column, as it wants them.
+    const std::vector<float> view = {r.xx, r.yx, r.zx, 0, r.xy, r.yy, r.zy, 0,
+                                     r.xz, r.yz, r.zz, 0, t.x,  t.y,  t.z,  1};
+    const float tan_x = 0.5f * camera.width / camera.fx, tan_y = 0.5f * camera.height / camera.fy;
+    std::vector<float> clip(16);
+    for (int column = 0; column < 4; ++column) {
+      const float* const v = &view[4 * column];
+      clip[4 * column] = v[0] / tan_x;
+      clip[4 * column + 1] = v[1] / tan_y;
+      clip[4 * column + 2] = clip[4 * column + 3] = v[2];
+    }
+    const std::vector<float> eye = {-(r.xx * t.x + r.yx * t.y + r.zx * t.z),
+                                    -(r.xy * t.x + r.yy * t.y + r.zy * t.z),
+                                    -(r.xz * t.x + r.yz * t.y + r.zz * t.z)};
+    const float* const on_device[] = {inputs_[0].hold(view), inputs_[1].hold(clip),
+                                      inputs_[2].hold(eye),
+                                      inputs_[3].hold({background, background + 3})};
+    Image picture;
+    picture.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
+    auto* const colour =
+        reinterpret_cast<float*>(colour_.room(picture.data.size() * sizeof(float)));
+    const auto in = [](DeviceMemory& memory) {
+      return [&memory](std::size_t bytes) { return memory.room(bytes); };
+    };
+    std::vector<double> times;
+    for (int k = 0; k < kRepeats; ++k) {
+      cudaDeviceSynchronize();
+      const double start = now_seconds();
+      CudaRasterizer::Rasterizer::forward(in(buffers_[0]), in(buffers_[1]), in(buffers_[2]), n_,
+                                          degree_, coefficients_, on_device[3], picture.width,
+                                          picture.height, position_, sh_, nullptr, opacity_, scale_,
+                                          1.0f, rotation_, nullptr, on_device[0], on_device[1],
+                                          on_device[2], tan_x, tan_y, false, colour);
+      cudaDeviceSynchronize();
+      times.push_back(1000 * (now_seconds() - start));
+    }
+    std::nth_element(times.begin(), times.begin() + kRepeats / 2, times.end());
+    ms = times[kRepeats / 2];
+    cudaMemcpy(picture.data.data(), colour, picture.data.size() * sizeof(float),
+               cudaMemcpyDeviceToHost);
+    if (const cudaError_t error = cudaGetLastError(); error != cudaSuccess) {
+      return runtime_error("the peer: {}", cudaGetErrorString(error));
+    }
+    return picture;
+  }
+
+ private:
+  int n_, degree_, coefficients_;
+  DeviceMemory arrays_[5], inputs_[4], buffers_[3], colour_;
+  const float *position_, *scale_, *rotation_, *opacity_, *sh_;
+};
+
+Status compare(const std::string& path, double seconds, int cameras, char** names) {
+  STGS_ASSIGN(const Scene scene, read_scene(path));
+  const SceneMetadata& metadata = scene.metadata;
+  const auto ticks = static_cast<float>(metadata.time_base.ticks(seconds));
+  Peer peer(StillSet(scene.gaussians, ticks));
+  STGS_ASSIGN(auto timeline, player::Timeline::open(path));
+  STGS_ASSIGN(auto renderer, player::make_renderer("cuda"));
+  Json views = Json::array();
+  for (int k = 0; k < cameras; ++k) {
+    STGS_ASSIGN(const encoder::Camera camera, read_camera(names[k]));
+    const float* const b = metadata.background;
+    const player::View view{camera.pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
+    if (camera.cx != 0.5 * camera.width || camera.cy != 0.5 * camera.height) {
+      return usage_error("{}: the peer knows no principal point but the centre", names[k]);
+    }
+    std::vector<player::Frame> frames;
+    STGS_TRY(renderer->render(*timeline, seconds, {view}, frames, nullptr));
+    double ms = 0;
+    STGS_ASSIGN(const Image theirs, peer.draw(view.camera, b, ms));
+    const Image& ours = frames[0].colour;
+    views.push_back({{"camera", names[k]},
+                     {"psnr", encoder::psnr_of(encoder::mean_squared_error(ours, theirs))},
+                     {"max_difference", encoder::max_difference(ours, theirs)},
+                     {"peer_ms", ms}});
+  }
+  const Json json = {{"scene", path},
+                     {"seconds", seconds},
+                     {"primitives", scene.gaussians.size()},
+                     {"renderer", renderer->name()},
+                     {"views", views}};
+  std::puts(json.dump(1).c_str());
+  return {};
+}
+
+Status bench(int argc, char** argv) {
+  if (argc < 4) return usage_error("usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...");
+  return compare(argv[1], std::strtod(argv[2], nullptr), argc - 3, argv + 3);
+}
+
+}  // namespace
+}  // namespace stgs::tools
+
+int main(int argc, char** argv) {
+  const stgs::Status status = stgs::tools::bench(argc, argv);
+  if (!status.ok()) std::fprintf(stderr, "bench_peer_3dgs: %s\n", status.message().c_str());
+  return static_cast<int>(status.code());
+}
