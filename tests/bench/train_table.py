@@ -1,0 +1,112 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Trains and evaluates a list of variants, several at a time, and prints a line for each.
+
+usage: train_table.py LIST --capture NAME=PREPARED... [--stgs PROGRAM] [--backend cuda]
+                      [--at-once 4] [--work FOLDER] [--keep]
+
+LIST has a line a variant, `name | capture | every | options of stgs train`; lines that begin with #
+are left out. A capture is NAME, evaluated on its test cameras, or NAME:3,14,25, where these training
+cameras are held out in place of the test cameras, which are left out altogether: settings are chosen
+there. `every` is that of stgs evaluate. Exit code 1 where a variant failed.
+"""
+import argparse
+import concurrent.futures
+import json
+import os
+import pathlib
+import shlex
+import subprocess
+import sys
+
+LINKED = ("frames", "masks", "points_static.ply", "points_dynamic.ply")
+
+
+def fold(prepared, held_out, folder):
+    """The prepared capture in `prepared` with other cameras held out, in `folder`, by links."""
+    capture = json.loads((prepared / "capture.json").read_text())
+    capture["cameras"] = [camera for camera in capture["cameras"] if not camera["test"]]
+    for camera in capture["cameras"]:
+        camera["test"] = camera["name"] in held_out
+    found = [camera["name"] for camera in capture["cameras"] if camera["test"]]
+    if sorted(found) != sorted(held_out):
+        raise SystemExit(f"{prepared}: of {held_out} only {found} are training cameras")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in LINKED:
+        source, link = (prepared / name).resolve(), folder / name
+        if source.exists() and not link.is_symlink():
+            link.symlink_to(source)
+    (folder / "capture.json").write_text(json.dumps(capture))
+    return folder
+
+
+def run(command):
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{shlex.join(command)}: exit code {done.returncode}: {done.stderr[-500:]}")
+    return json.loads(done.stdout)
+
+
+def line_of(name, trained, measured):
+    drift = (measured["static_drift"] or {}).get("mean_px")
+    cameras = {}
+    for view in measured["views"]:
+        cameras.setdefault(view["camera"], []).append(view["psnr"])
+    views = " ".join(f"{camera} {sum(psnr) / len(psnr):.2f}" for camera, psnr in cameras.items())
+    moving = measured["psnr_moving"]
+    return (f"{name} | {measured['psnr']:.3f} / {measured['psnr_cc']:.3f} / "
+            f"{'-' if moving is None else format(moving, '.3f')} | ssim {measured['ssim']:.4f} | "
+            f"drift {'-' if drift is None else format(drift, '.4f')} px | "
+            f"{trained['seconds']:.1f} s, {trained['primitives']} primitives | {views}")
+
+
+def variant(line, captures, args):
+    name, capture, every, options = [part.strip() for part in line.split("|")]
+    scene = args.work / f"{name}.stgs"
+    common = ["--backend", args.backend, "--format", "json", "--progress", "none"]
+    trained = run([args.stgs, "train", str(captures[capture]), "-o", str(scene), "--held-out", "0",
+                   *common, *shlex.split(options)])
+    measured = run([args.stgs, "evaluate", str(scene), "--against", str(captures[capture]),
+                    "--every", every, *common])
+    if not args.keep:
+        scene.unlink()
+    return line_of(name, trained, measured)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("list", type=pathlib.Path)
+    parser.add_argument("--capture", action="append", required=True, metavar="NAME=PREPARED")
+    parser.add_argument("--stgs", default="build/release/bin/stgs")
+    parser.add_argument("--backend", default="cuda")
+    parser.add_argument("--at-once", type=int, default=4)
+    parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/train_table"))
+    parser.add_argument("--keep", action="store_true", help="keep the scenes, in --work")
+    args = parser.parse_args()
+    args.work.mkdir(parents=True, exist_ok=True)
+    folders = {name: pathlib.Path(path) for name, path in
+               (entry.split("=", maxsplit=1) for entry in args.capture)}
+    lines = [line for line in args.list.read_text().splitlines()
+             if line.strip() and not line.startswith("#")]
+    captures = {}
+    for wanted in {line.split("|")[1].strip() for line in lines}:
+        name, _, held_out = wanted.partition(":")
+        if name not in folders:
+            raise SystemExit(f"{args.list}: no --capture {name}=PREPARED is given")
+        place = args.work / wanted.replace(":", "-without-").replace(",", "-")
+        captures[wanted] = (fold(folders[name], held_out.split(","), place) if held_out
+                            else folders[name])
+    failed = 0
+    with concurrent.futures.ThreadPoolExecutor(args.at_once) as pool:
+        jobs = [pool.submit(variant, line, captures, args) for line in lines]
+        for job in concurrent.futures.as_completed(jobs):
+            try:
+                print(job.result(), flush=True)
+            except RuntimeError as error:
+                failed += 1
+                print(error, file=sys.stderr, flush=True)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""tests/bench/train_table.py, which the tables of trainings in RESULTS.md are made with."""
+import json
+import os
+import subprocess
+import sys
+
+import harness
+from harness import CliTest
+
+
+class TrainTable(CliTest):
+    def table(self, text):
+        self.write("list.txt", text)
+        script = os.path.join(harness.SOURCE, "tests/bench/train_table.py")
+        return subprocess.run(
+            [sys.executable, script, "list.txt", "--capture", f"c={self.fixture('prepared')}",
+             "--stgs", harness.STGS, "--backend", "cpu", "--at-once", "2", "--work", "work"],
+            cwd=self.work, capture_output=True, text=True, timeout=300, check=False)
+
+    def test_a_fold_holds_training_cameras_out_and_leaves_the_test_cameras_out(self):
+        with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
+            cameras = json.load(file)["cameras"]
+        training = [camera["name"] for camera in cameras if not camera["test"]]
+        short = "--preset fast --iterations 20 --max-primitives 300"
+        done = self.table(f"# a comment\nall | c | 3 | {short}\n"
+                          f"fold | c:{training[0]} | 3 | {short} --ablate lifespan\n")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        rows = {line.split(" | ")[0]: line for line in done.stdout.splitlines()}
+        self.assertEqual(sorted(rows), ["all", "fold"])
+        self.assertRegex(rows["fold"], rf"\| {training[0]} [0-9.]+$")
+        with open(self.path(f"work/c-without-{training[0]}/capture.json"),
+                  encoding="utf-8") as file:
+            fold = json.load(file)["cameras"]
+        self.assertEqual([camera["name"] for camera in fold], training)
+        self.assertEqual([camera["name"] for camera in fold if camera["test"]], training[:1])
+        self.assertEqual(os.listdir(self.path("work")), [f"c-without-{training[0]}"])
+
+    def test_a_variant_that_fails_is_told_and_the_others_go_on(self):
+        done = self.table("bad | c | 3 | --preset none\n"
+                          "good | c | 3 | --preset fast --iterations 20 --max-primitives 300\n")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("exit code 1", done.stderr)
+        self.assertRegex(done.stdout, r"^good \| ")
+        self.assertIn("no --capture d", self.table("x | d | 3 |\n").stderr)
