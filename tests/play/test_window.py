@@ -3,7 +3,7 @@
 """`stgs play` in windows of a display without a screen: what it shows is what `stgs render` draws,
 from files and from nginx, and it stays awake where the bytes do not come.
 
-usage: test_window.py STGS MAKE_PLAY_SCENE     exit code 77: there is no Xvfb
+usage: test_window.py STGS MAKE_PLAY_SCENE     exit code 77: what it needs is missing
 """
 import json
 import os
@@ -203,8 +203,9 @@ def main():
     global STGS, MAKE, DISPLAY
     if len(sys.argv) < 3:
         sys.exit(__doc__)
-    if shutil.which("Xvfb") is None:
-        print("skipped: there is no Xvfb")
+    missing = [name for name in ("Xvfb", "xdotool", "ffmpeg", "nginx") if shutil.which(name) is None]
+    if missing:
+        print("skipped: there is no", " and no ".join(missing))
         sys.exit(77)
     STGS, MAKE = map(os.path.abspath, sys.argv[1:3])
     with Display() as DISPLAY:
