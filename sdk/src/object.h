@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// What all objects of the C interface share: the last error, the log, and the border that no
+// exception crosses.
+#pragma once
+
+#include <array>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <type_traits>
+
+#include "stgs/format/status.h"
+#include "stgs/stgs.h"
+
+namespace stgs::sdk {
+
+// A Status that also knows the SDK's own results.
+struct Outcome {
+  stgs_result result = STGS_OK;
+  Status status;  // its message; where it is not ok() but `result` is, its code counts
+
+  Outcome() = default;
+  Outcome(Status s);  // NOLINT: implicit by design
+  Outcome(stgs_result r, std::string message)
+      : result(r), status(StatusCode::kRuntime, std::move(message)) {}
+};
+
+// The last error of an object. Allocates nothing, so that it can tell of having no memory.
+class LastError {
+ public:
+  stgs_result set(stgs_result result, const char* message);
+  stgs_result set(const Outcome& outcome);
+  stgs_result tell(stgs_error* error) const;
+
+ private:
+  stgs_result result_ = STGS_OK;
+  int issue_ = 0;
+  std::uint64_t offset_ = STGS_NO_OFFSET;
+  std::array<char, 1024> message_{};
+};
+
+struct Log {
+  stgs_log_fn function = nullptr;
+  void* user = nullptr;
+
+  void operator()(stgs_log_level level, const std::string& message) const {
+    if (function != nullptr) function(user, level, message.c_str());
+  }
+};
+
+// Whether a struct of the caller's has the size that this version knows; there is one so far.
+template <typename T>
+stgs_result check_struct(const T* given) {
+  if (given == nullptr) return STGS_ERROR_ARGUMENT;
+  return given->struct_size == sizeof(T) ? STGS_OK : STGS_ERROR_STRUCT_SIZE;
+}
+template <typename T>
+Outcome check_struct(const T* given, const char* name) {
+  const stgs_result result = check_struct(given);
+  if (result == STGS_OK) return {};
+  if (result == STGS_ERROR_ARGUMENT) return {result, fmt::format("{} is NULL", name)};
+  return {result, fmt::format("{}: struct_size is {}, not {}; set it to its sizeof", name,
+                              given->struct_size, sizeof(T))};
+}
+
+// Fills a struct of the caller's with defaults.
+template <typename T>
+stgs_result put_defaults(T* out, std::size_t struct_size, const T& defaults) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  if (struct_size != sizeof(T)) return STGS_ERROR_STRUCT_SIZE;
+  *out = defaults;
+  out->struct_size = sizeof(T);
+  return STGS_OK;
+}
+
+// Runs a call on an object and keeps how it ended; nothing is thrown to the caller.
+template <typename Object, typename Call>
+stgs_result guarded(Object* object, Call&& call) noexcept {
+  if (object == nullptr) return STGS_ERROR_ARGUMENT;
+  try {
+    return object->error.set(call());
+  } catch (const std::bad_alloc&) {
+    return object->error.set(STGS_ERROR_OUT_OF_MEMORY, "not enough memory");
+  } catch (const std::exception& e) {
+    return object->error.set(STGS_ERROR_RUNTIME, e.what());
+  } catch (...) {
+    return object->error.set(STGS_ERROR_RUNTIME, "an exception of another library's");
+  }
+}
+
+}  // namespace stgs::sdk
+
+// As STGS_TRY, for an Outcome or a Status in a function that gives an Outcome.
+#define STGS_SDK_TRY(expression)                                                            \
+  do {                                                                                      \
+    if (::stgs::sdk::Outcome stgs_outcome_ = (expression); stgs_outcome_.result != STGS_OK) \
+      return stgs_outcome_;                                                                 \
+  } while (false)

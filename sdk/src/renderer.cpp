@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/player/renderer.h"
+
+#include <cmath>
+#include <new>
+#include <utility>
+
+#include "picture.h"
+#include "scene.h"
+#include "view.h"
+
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+struct stgs_renderer {
+  stgs::sdk::LastError error;
+  stgs::sdk::Log log;
+  std::unique_ptr<stgs::player::Renderer> backend;
+  std::vector<stgs::player::View> views;
+  std::vector<stgs::player::Frame> frames;
+};
+
+namespace {
+
+// Index: stgs_backend.
+constexpr const char* kBackends[] = {"auto", "cpu", "cuda", "vulkan"};
+
+stgs_renderer_settings default_settings() {
+  stgs_renderer_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.backend = STGS_BACKEND_AUTO;
+  return settings;
+}
+
+Outcome make_backend(stgs_renderer& renderer, stgs_backend backend) {
+  if (backend < STGS_BACKEND_AUTO || backend > STGS_BACKEND_VULKAN) {
+    return {STGS_ERROR_ARGUMENT, fmt::format("there is no backend {}", backend)};
+  }
+  auto made = stgs::player::make_renderer(kBackends[backend]);
+  if (!made.ok()) return made.status();
+  renderer.backend = std::move(made).value();
+  renderer.log(STGS_LOG_INFO, fmt::format("drawing with backend '{}'", renderer.backend->name()));
+  return {};
+}
+
+Outcome check_call(const stgs_scene* scene, double seconds, const stgs_view* views,
+                   const stgs_picture* pictures, std::uint32_t count) {
+  if (scene == nullptr) return {STGS_ERROR_ARGUMENT, "scene is NULL"};
+  STGS_SDK_TRY(scene->check_open());
+  if (!std::isfinite(seconds)) {
+    return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
+  }
+  if (count < 1 || count > STGS_MAX_VIEWS) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
+  }
+  if (views == nullptr || pictures == nullptr) {
+    return {STGS_ERROR_ARGUMENT, "views or pictures are NULL"};
+  }
+  for (std::uint32_t i = 0; i < count; ++i) {
+    STGS_SDK_TRY(stgs::sdk::check_view(views[i]));
+    STGS_SDK_TRY(stgs::sdk::check_picture(pictures[i], views[i].width, views[i].height));
+  }
+  return {};
+}
+
+}  // namespace
+
+extern "C" {
+
+stgs_result stgs_renderer_settings_defaults(stgs_renderer_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+}
+
+stgs_result stgs_renderer_create(const stgs_renderer_settings* settings, stgs_renderer** out) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  *out = nullptr;
+  const stgs_renderer_settings defaults = default_settings();
+  if (settings == nullptr) settings = &defaults;
+  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
+  std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
+  if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
+  renderer->log = {settings->log, settings->log_user};
+  const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
+    Outcome made = make_backend(*renderer, settings->backend);
+    if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
+    return made;
+  });
+  if (result == STGS_OK) *out = renderer.release();
+  return result;
+}
+
+void stgs_renderer_destroy(stgs_renderer* renderer) {
+  delete renderer;
+}
+
+stgs_result stgs_renderer_error(const stgs_renderer* renderer, stgs_error* error) {
+  return renderer == nullptr ? STGS_ERROR_ARGUMENT : renderer->error.tell(error);
+}
+
+stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out) {
+  return guarded(renderer, [&]() -> Outcome {
+    if (out == nullptr) return {STGS_ERROR_ARGUMENT, "out is NULL"};
+    const std::string name = renderer->backend->name();
+    for (stgs_backend i = STGS_BACKEND_CPU; i <= STGS_BACKEND_VULKAN; ++i) {
+      if (name == kBackends[i]) *out = i;
+    }
+    return {};
+  });
+}
+
+stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
+                        const stgs_view* views, const stgs_picture* pictures, uint32_t count) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(check_call(scene, seconds, views, pictures, count));
+    STGS_SDK_TRY(scene->check_memory(seconds));
+    renderer->views.clear();
+    for (std::uint32_t i = 0; i < count; ++i) {
+      renderer->views.push_back(stgs::sdk::view_of(views[i]));
+    }
+    const stgs::Status drawn = renderer->backend->render(*scene->timeline, seconds, renderer->views,
+                                                         renderer->frames, nullptr);
+    scene->tell_losses();
+    STGS_SDK_TRY(drawn);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      stgs::sdk::write_picture(renderer->frames[i], pictures[i]);
+    }
+    return {};
+  });
+}
+
+}  // extern "C"

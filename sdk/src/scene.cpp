@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scene.h"
+
+#include <algorithm>
+#include <new>
+#include <utility>
+
+#include "source.h"
+#include "stgs/player/source.h"
+
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 20;
+
+stgs_scene_settings default_settings() {
+  stgs_scene_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.max_file_bytes = INT64_MAX;
+  settings.max_primitives = stgs::ReadLimits{}.max_primitives;
+  settings.max_memory = stgs::player::kDefaultMemoryBudget;
+  return settings;
+}
+
+Outcome check_closed(const stgs_scene& scene) {
+  if (scene.timeline == nullptr) return {};
+  return {STGS_ERROR_STATE, "the scene is open already: make another one"};
+}
+
+// Takes the source, whatever the outcome.
+Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source) {
+  const stgs_scene_settings& settings = scene.settings;
+  if (source->size() > settings.max_file_bytes) {
+    return {STGS_ERROR_LIMIT, fmt::format("{}: {} bytes, more than the limit of {}", source->name(),
+                                          source->size(), settings.max_file_bytes)};
+  }
+  const std::string name = source->name();
+  auto reader =
+      stgs::SceneReader::open(std::move(source), {settings.max_primitives, settings.max_memory});
+  if (!reader.ok()) return reader.status();
+  auto timeline =
+      stgs::player::Timeline::over(std::move(reader).value(), name, settings.max_memory,
+                                   settings.refuse_damage != 0 ? stgs::player::Damaged::kRefuse
+                                                               : stgs::player::Damaged::kPassOver);
+  for (const stgs::Issue& issue : timeline->damage()) {
+    if (settings.refuse_damage != 0 && issue.error) {
+      return stgs::invalid_file("{}: {} (byte {}, issue {})", name, issue.message, issue.offset,
+                                issue.number);
+    }
+    scene.log(STGS_LOG_WARNING, fmt::format("{}: {} (byte {}, issue {})", name, issue.message,
+                                            issue.offset, issue.number));
+  }
+  scene.timeline = std::move(timeline);
+  return {};
+}
+
+Outcome check_memory_argument(const stgs_scene& scene, const void* data) {
+  STGS_SDK_TRY(check_closed(scene));
+  if (data == nullptr) return {STGS_ERROR_ARGUMENT, "data is NULL"};
+  return {};
+}
+
+template <typename To, typename From>
+void copy3(To& to, const From& from) {
+  std::copy_n(from, 3, to);
+}
+
+}  // namespace
+
+void stgs_scene::tell_losses() {
+  const auto& losses = timeline->losses();
+  for (; losses_told < losses.size(); ++losses_told) {
+    const stgs::player::Loss& loss = losses[losses_told];
+    log(STGS_LOG_WARNING, fmt::format("{}: {} of segment {} is not drawn: {}", timeline->name(),
+                                      loss.harmonics_only ? "the view-dependent colour" : "all",
+                                      loss.segment, loss.reason.message()));
+  }
+}
+
+Outcome stgs_scene::check_memory(double seconds) {
+  auto needed = timeline->needed_at(seconds);
+  if (!needed.ok()) return needed.status();
+  const int degree = timeline->reader().sh_degree() + 1;
+  // Position, scale, rotation, opacity, time, velocity, sigma, radius; harmonics.
+  const auto floats = static_cast<std::uint64_t>(17 + 3 * degree * degree);
+  std::uint64_t bytes = 0;
+  for (const auto& one : *needed) {
+    const stgs::SegmentInfo& segment = timeline->reader().segments()[one.segment];
+    if (segment.there) bytes += segment.primitives * floats * sizeof(float);
+  }
+  if (bytes <= settings.max_memory) return {};
+  return {STGS_ERROR_LIMIT,
+          fmt::format("{}: what is alive at {:.6g} s takes {} bytes at least, more than the limit "
+                      "of {}; allow more max_memory",
+                      timeline->name(), seconds, bytes, settings.max_memory)};
+}
+
+extern "C" {
+
+stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+}
+
+stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** out) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  *out = nullptr;
+  const stgs_scene_settings defaults = default_settings();
+  if (settings == nullptr) settings = &defaults;
+  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
+  if (settings->max_memory < kLeastMemory) return STGS_ERROR_ARGUMENT;
+  auto* scene = new (std::nothrow) stgs_scene;
+  if (scene == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
+  scene->settings = *settings;
+  scene->log = {settings->log, settings->log_user};
+  *out = scene;
+  return STGS_OK;
+}
+
+void stgs_scene_destroy(stgs_scene* scene) {
+  delete scene;
+}
+
+stgs_result stgs_scene_open(stgs_scene* scene, const char* place) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*scene));
+    if (place == nullptr) return {STGS_ERROR_ARGUMENT, "place is NULL"};
+    auto source = stgs::player::open_place(place);
+    if (!source.ok()) return source.status();
+    return open_source(*scene, std::move(source).value());
+  });
+}
+
+stgs_result stgs_scene_open_memory(stgs_scene* scene, const void* data, size_t bytes) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(check_memory_argument(*scene, data));
+    return open_source(*scene,
+                       stgs::sdk::borrowed_source({static_cast<const std::uint8_t*>(data), bytes}));
+  });
+}
+
+stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, size_t bytes) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(check_memory_argument(*scene, data));
+    const auto* begin = static_cast<const std::uint8_t*>(data);
+    return open_source(*scene, stgs::memory_source({begin, begin + bytes}));
+  });
+}
+
+stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*scene));
+    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
+    if (io->read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
+    return open_source(*scene, stgs::sdk::callback_source(*io));
+  });
+}
+
+stgs_result stgs_scene_error(const stgs_scene* scene, stgs_error* error) {
+  return scene == nullptr ? STGS_ERROR_ARGUMENT : scene->error.tell(error);
+}
+
+stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(scene->check_open());
+    STGS_SDK_TRY(stgs::sdk::check_struct(info, "info"));
+    const stgs::player::Timeline& timeline = *scene->timeline;
+    const stgs::SceneReader& reader = timeline.reader();
+    const stgs::SceneMetadata& metadata = timeline.metadata();
+    stgs_scene_info out{};
+    out.struct_size = sizeof(out);
+    out.format_major = reader.version_major();
+    out.format_minor = reader.version_minor();
+    out.frames = metadata.frames;
+    out.time_base_numerator = metadata.time_base.numerator;
+    out.time_base_denominator = metadata.time_base.denominator;
+    out.duration_seconds = timeline.duration_seconds();
+    out.complete_seconds = timeline.complete_seconds();
+    out.primitives = reader.primitives();
+    out.file_bytes = reader.file_bytes();
+    out.memory_bytes = timeline.memory_bytes();
+    out.sh_degree = reader.sh_degree();
+    out.has_start_camera = metadata.start_camera ? 1 : 0;
+    copy3(out.bounds_min, metadata.bounds_min);
+    copy3(out.bounds_max, metadata.bounds_max);
+    out.metres_per_unit = metadata.metres_per_unit;
+    copy3(out.up, metadata.up);
+    copy3(out.floor, metadata.floor);
+    out.issues = static_cast<std::uint32_t>(timeline.damage().size());
+    *info = out;
+    return {};
+  });
+}
+
+stgs_result stgs_scene_get_text(stgs_scene* scene, stgs_text which, const char** out) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(scene->check_open());
+    if (out == nullptr) return {STGS_ERROR_ARGUMENT, "out is NULL"};
+    const stgs::SceneMetadata& metadata = scene->timeline->metadata();
+    switch (which) {
+      case STGS_TEXT_TITLE:
+        *out = metadata.title.c_str();
+        return {};
+      case STGS_TEXT_GENERATOR:
+        *out = metadata.generator.c_str();
+        return {};
+      case STGS_TEXT_SOUND:
+        *out = metadata.sound.c_str();
+        return {};
+      default:
+        return {STGS_ERROR_ARGUMENT, fmt::format("there is no text {}", which)};
+    }
+  });
+}
+
+stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* issue) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(scene->check_open());
+    STGS_SDK_TRY(stgs::sdk::check_struct(issue, "issue"));
+    const auto& issues = scene->timeline->damage();
+    if (index >= issues.size()) {
+      return {STGS_ERROR_ARGUMENT, fmt::format("issue {} of {}", index, issues.size())};
+    }
+    const stgs::Issue& found = issues[index];
+    *issue = {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
+              found.message.c_str()};
+    return {};
+  });
+}
+
+}  // extern "C"

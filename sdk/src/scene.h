@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+
+#include "object.h"
+#include "stgs/player/timeline.h"
+
+struct stgs_scene {
+  stgs::sdk::LastError error;
+  stgs::sdk::Log log;
+  stgs_scene_settings settings{};
+  std::unique_ptr<stgs::player::Timeline> timeline;  // null: not open
+  std::size_t losses_told = 0;
+
+  stgs::sdk::Outcome check_open() const {
+    if (timeline != nullptr) return {};
+    return {STGS_ERROR_STATE, "no file is open: call one of the stgs_scene_open functions first"};
+  }
+  // Logs what was passed over since the last call.
+  void tell_losses();
+  // STGS_ERROR_LIMIT where the segments of a moment do not fit into the memory.
+  stgs::sdk::Outcome check_memory(double seconds);
+};

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "view.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "scene.h"
+#include "stgs/format/camera.h"
+
+static_assert(STGS_MAX_SIDE == stgs::kMaxPictureSide);
+static_assert(STGS_MAX_VIEWS == stgs::player::kMaxViews);
+
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace stgs::sdk {
+namespace {
+
+Outcome wrong(std::string message) {
+  return {STGS_ERROR_ARGUMENT, std::move(message)};
+}
+
+bool is_side(std::uint32_t side) {
+  return side >= 1 && side <= STGS_MAX_SIDE;
+}
+
+template <std::size_t N>
+bool all_finite(const float (&values)[N]) {
+  return std::all_of(values, values + N, [](float v) { return std::isfinite(v); });
+}
+
+stgs_view default_view() {
+  stgs_view view{};
+  view.struct_size = sizeof(view);
+  view.rotation[0] = view.rotation[4] = view.rotation[8] = 1;
+  view.fx = view.fy = view.cx = 640;
+  view.cy = 360;
+  view.width = 1280;
+  view.height = 720;
+  view.near_plane = SceneMetadata{}.near_plane;
+  return view;
+}
+
+}  // namespace
+
+Outcome check_view(const stgs_view& view) {
+  STGS_SDK_TRY(check_struct(&view, "view"));
+  if (!is_side(view.width) || !is_side(view.height)) {
+    return wrong(fmt::format("a view of {}x{} pixels; each side is 1 to {}", view.width,
+                             view.height, STGS_MAX_SIDE));
+  }
+  const auto positive = [](float v) { return std::isfinite(v) && v > 0; };
+  if (!positive(view.fx) || !positive(view.fy) || !std::isfinite(view.cx) ||
+      !std::isfinite(view.cy)) {
+    return wrong(
+        fmt::format("a view with fx {}, fy {}, cx {}, cy {}; all are finite, fx and fy "
+                    "positive",
+                    view.fx, view.fy, view.cx, view.cy));
+  }
+  if (!all_finite(view.rotation) || !is_rotation(view.rotation)) {
+    return wrong("a view's rotation is none: its rows must be unit vectors at right angles");
+  }
+  if (!all_finite(view.translation)) return wrong("a view's translation is not finite");
+  if (!positive(view.near_plane)) {
+    return wrong(fmt::format("a view's near_plane is {}; it must be positive", view.near_plane));
+  }
+  if (!all_finite(view.background)) return wrong("a view's background is not finite");
+  return {};
+}
+
+player::View view_of(const stgs_view& view) {
+  StartCamera camera;
+  std::copy_n(view.rotation, 9, camera.rotation);
+  std::copy_n(view.translation, 3, camera.translation);
+  camera.fx = view.fx;
+  camera.fy = view.fy;
+  camera.cx = view.cx;
+  camera.cy = view.cy;
+  camera.width = view.width;
+  camera.height = view.height;
+  player::View out;
+  out.camera = pinhole_of(camera, view.near_plane);
+  out.background = {view.background[0], view.background[1], view.background[2]};
+  return out;
+}
+
+}  // namespace stgs::sdk
+
+extern "C" {
+
+stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size) {
+  return stgs::sdk::put_defaults(view, struct_size, stgs::sdk::default_view());
+}
+
+stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
+  if (const stgs_result bad = stgs::sdk::check_struct(view); bad != STGS_OK) return bad;
+  for (const uint32_t side : {width, height, view->width, view->height}) {
+    if (!stgs::sdk::is_side(side)) return STGS_ERROR_ARGUMENT;
+  }
+  const double x = static_cast<double>(width) / view->width;
+  const double y = static_cast<double>(height) / view->height;
+  view->fx = static_cast<float>(view->fx * x);
+  view->cx = static_cast<float>(view->cx * x);
+  view->fy = static_cast<float>(view->fy * y);
+  view->cy = static_cast<float>(view->cy * y);
+  view->width = width;
+  view->height = height;
+  return STGS_OK;
+}
+
+stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(scene->check_open());
+    STGS_SDK_TRY(stgs::sdk::check_struct(view, "view"));
+    const stgs::SceneMetadata& metadata = scene->timeline->metadata();
+    stgs_view out = stgs::sdk::default_view();
+    out.near_plane = metadata.near_plane;
+    std::copy_n(metadata.background, 3, out.background);
+    if (!metadata.start_camera) {
+      *view = out;
+      return stgs::unsupported("{}: has no start camera", scene->timeline->name());
+    }
+    const stgs::StartCamera& start = *metadata.start_camera;
+    std::copy_n(start.rotation, 9, out.rotation);
+    std::copy_n(start.translation, 3, out.translation);
+    out.fx = start.fx;
+    out.fy = start.fy;
+    out.cx = start.cx;
+    out.cy = start.cy;
+    out.width = start.width;
+    out.height = start.height;
+    *view = out;
+    return {};
+  });
+}
+
+}  // extern "C"

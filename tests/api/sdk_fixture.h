@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// A small scene in memory, and objects of the C interface that end by themselves.
+#pragma once
+
+#include <catch2/catch.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "scene_fixture.h"
+#include "stgs/stgs.h"
+
+namespace stgs::testing {
+
+inline constexpr std::uint32_t kSdkWidth = 64, kSdkHeight = 48;
+
+inline std::vector<std::uint8_t> sdk_file() {
+  Scene scene = random_scene(500, 1, 30, 3);
+  for (float& s : scene.gaussians.log_scale) s += 1.5f;  // to be seen in a small picture
+  StartCamera start;
+  start.fx = start.fy = 60;
+  start.cx = kSdkWidth / 2.0f;
+  start.cy = kSdkHeight / 2.0f;
+  start.width = kSdkWidth;
+  start.height = kSdkHeight;
+  scene.metadata.start_camera = start;
+  auto bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  return std::move(bytes).value();
+}
+
+struct DestroyScene {
+  void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
+};
+struct DestroyRenderer {
+  void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
+};
+using ScenePtr = std::unique_ptr<stgs_scene, DestroyScene>;
+using RendererPtr = std::unique_ptr<stgs_renderer, DestroyRenderer>;
+
+inline stgs_scene_settings scene_settings() {
+  stgs_scene_settings settings;
+  REQUIRE(stgs_scene_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  return settings;
+}
+inline ScenePtr make_scene(const stgs_scene_settings* settings = nullptr) {
+  stgs_scene* scene = nullptr;
+  REQUIRE(stgs_scene_create(settings, &scene) == STGS_OK);
+  return ScenePtr(scene);
+}
+inline ScenePtr open_scene(const std::vector<std::uint8_t>& file) {
+  ScenePtr scene = make_scene();
+  REQUIRE(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
+  return scene;
+}
+inline RendererPtr cpu_renderer() {
+  stgs_renderer_settings settings;
+  REQUIRE(stgs_renderer_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  settings.backend = STGS_BACKEND_CPU;
+  stgs_renderer* renderer = nullptr;
+  REQUIRE(stgs_renderer_create(&settings, &renderer) == STGS_OK);
+  return RendererPtr(renderer);
+}
+
+inline stgs_error error_of(const stgs_scene* scene) {
+  stgs_error error{};
+  error.struct_size = sizeof error;
+  REQUIRE(stgs_scene_error(scene, &error) == STGS_OK);
+  return error;
+}
+inline stgs_error error_of(const stgs_renderer* renderer) {
+  stgs_error error{};
+  error.struct_size = sizeof error;
+  REQUIRE(stgs_renderer_error(renderer, &error) == STGS_OK);
+  return error;
+}
+
+inline stgs_view start_view(stgs_scene* scene) {
+  stgs_view view{};
+  view.struct_size = sizeof view;
+  REQUIRE(stgs_scene_start_view(scene, &view) == STGS_OK);
+  return view;
+}
+inline stgs_picture empty_picture() {
+  stgs_picture picture;
+  REQUIRE(stgs_picture_defaults(&picture, sizeof picture) == STGS_OK);
+  return picture;
+}
+
+// A tight picture of 8 bits.
+inline std::vector<std::uint8_t> draw_rgba8(stgs_renderer* renderer, stgs_scene* scene,
+                                            double seconds, const stgs_view& view) {
+  std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
+  stgs_picture picture = empty_picture();
+  picture.rgba8 = {pixels.data(), 0, pixels.size()};
+  REQUIRE(stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK);
+  return pixels;
+}
+
+}  // namespace stgs::testing

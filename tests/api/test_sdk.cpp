@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C interface: scenes from where they may come, what they say, and pictures in the caller's
+// memory.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <thread>
+
+#include "sdk_fixture.h"
+#include "stgs/format/raster.h"
+
+namespace stgs::testing {
+
+TEST_CASE("a scene tells what its file says", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  stgs_scene_info info{};
+  info.struct_size = sizeof info;
+  REQUIRE(stgs_scene_get_info(scene.get(), &info) == STGS_OK);
+  CHECK(info.format_major == kFormatMajor);
+  CHECK(info.frames == 30);
+  CHECK(info.time_base_numerator == 1);
+  CHECK(info.time_base_denominator == 30);
+  CHECK(info.duration_seconds == Approx(1));
+  CHECK(info.complete_seconds == Approx(1));
+  CHECK(info.primitives == 500);
+  CHECK(info.file_bytes == file.size());
+  CHECK(info.sh_degree == 1);
+  CHECK(info.has_start_camera == 1);
+  CHECK(info.issues == 0);
+  CHECK(info.bounds_min[2] >= 3);
+  CHECK(info.bounds_max[2] <= 7);
+  const char* text = nullptr;
+  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_TITLE, &text) == STGS_OK);
+  CHECK(std::string(text) == "random scene");
+  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_SOUND, &text) == STGS_OK);
+  CHECK(std::string(text).empty());
+  const stgs_view view = start_view(scene.get());
+  CHECK(view.width == kSdkWidth);
+  CHECK(view.fx == 60);
+  CHECK(view.near_plane == 0.1f);
+}
+
+TEST_CASE("a scene is the same from memory, a copy and callbacks", "[sdk]") {
+  struct Source {
+    std::vector<std::uint8_t> bytes;
+    int closed = 0;
+  } source{sdk_file()};
+  stgs_io io{};
+  io.struct_size = sizeof io;
+  io.user = &source;
+  io.size = source.bytes.size();
+  io.read = [](void* user, std::uint64_t offset, void* out, std::size_t bytes) {
+    std::memcpy(out, static_cast<Source*>(user)->bytes.data() + offset, bytes);
+    return 0;
+  };
+  io.close = [](void* user) { ++static_cast<Source*>(user)->closed; };
+  const RendererPtr renderer = cpu_renderer();
+  const ScenePtr borrowed = open_scene(source.bytes);
+  const stgs_view view = start_view(borrowed.get());
+  const auto expected = draw_rgba8(renderer.get(), borrowed.get(), 0.4, view);
+
+  const ScenePtr copied = make_scene();
+  {
+    const auto passing = source.bytes;
+    REQUIRE(stgs_scene_open_memory_copy(copied.get(), passing.data(), passing.size()) == STGS_OK);
+  }
+  CHECK(draw_rgba8(renderer.get(), copied.get(), 0.4, view) == expected);
+
+  ScenePtr called = make_scene();
+  REQUIRE(stgs_scene_open_io(called.get(), &io) == STGS_OK);
+  CHECK(draw_rgba8(renderer.get(), called.get(), 0.4, view) == expected);
+  // A second source is left alone.
+  CHECK(stgs_scene_open_io(called.get(), &io) == STGS_ERROR_STATE);
+  CHECK(source.closed == 0);
+  called.reset();
+  CHECK(source.closed == 1);
+}
+
+TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const RendererPtr renderer = cpu_renderer();
+  stgs_view views[2] = {start_view(scene.get()), start_view(scene.get())};
+  REQUIRE(stgs_view_resize(&views[1], 33, 17) == STGS_OK);
+  views[1].background[0] = 1;
+
+  auto read = read_scene(memory_source(file));
+  REQUIRE(read.ok());
+  stgs_picture pictures[2] = {empty_picture(), empty_picture()};
+  constexpr std::size_t kStride = 300, kGuard = 0xA5;
+  std::vector<std::uint8_t> rgba(kStride * kSdkHeight, kGuard);
+  // Up to the end of the last row, and no further.
+  pictures[0].rgba8 = {rgba.data(), kStride, kStride * (kSdkHeight - 1) + 4 * kSdkWidth};
+  std::vector<float> planes[5];
+  for (auto& plane : planes) plane.assign(33 * 17, -1.0f);
+  const auto buffer = [&](int i) {
+    return stgs_buffer{planes[i].data(), 0, planes[i].size() * sizeof(float)};
+  };
+  for (int c = 0; c < 3; ++c) pictures[1].rgb[c] = buffer(c);
+  pictures[1].alpha = buffer(3);
+  pictures[1].depth = buffer(4);
+  REQUIRE(stgs_render(renderer.get(), scene.get(), 0.5, views, pictures, 2) == STGS_OK);
+
+  SplatFrame splats;
+  RasterOutput expected;
+  StartCamera camera = *read->metadata.start_camera;
+  render(read->gaussians, 15, pinhole_of(camera, 0.1f), {}, splats, expected);
+  int wrong = 0, seen = 0;
+  for (std::uint32_t y = 0; y < kSdkHeight; ++y) {
+    for (std::uint32_t x = 0; x < kSdkWidth; ++x) {
+      const std::uint8_t* pixel = rgba.data() + y * kStride + 4 * x;
+      const std::size_t i = y * kSdkWidth + x;
+      for (int c = 0; c < 3; ++c) {
+        const float value = std::clamp(expected.colour.plane(c)[i], 0.0f, 1.0f) * 255;
+        if (std::abs(static_cast<float>(pixel[c]) - value) > 0.51f) ++wrong;
+      }
+      if (std::abs(static_cast<float>(pixel[3]) - 255 * expected.alpha.plane(0)[i]) > 0.51f)
+        ++wrong;
+      if (pixel[3] > 100) ++seen;
+    }
+    for (std::size_t x = 4 * kSdkWidth; x < kStride; ++x) {
+      if (rgba[y * kStride + x] != kGuard) ++wrong;
+    }
+  }
+  CHECK(wrong == 0);
+  CHECK(seen > 300);
+
+  camera.fx *= 33.0f / kSdkWidth;
+  camera.cx *= 33.0f / kSdkWidth;
+  camera.fy *= 17.0f / kSdkHeight;
+  camera.cy *= 17.0f / kSdkHeight;
+  camera.width = 33;
+  camera.height = 17;
+  RasterSettings settings;
+  settings.background = {1, 0, 0};
+  render(read->gaussians, 15, pinhole_of(camera, 0.1f), settings, splats, expected);
+  float largest = 0;
+  for (std::size_t i = 0; i < planes[0].size(); ++i) {
+    for (int c = 0; c < 3; ++c) {
+      largest = std::max(largest, std::abs(planes[c][i] - expected.colour.plane(c)[i]));
+    }
+    largest = std::max(largest, std::abs(planes[3][i] - expected.alpha.plane(0)[i]));
+    largest = std::max(largest, std::abs(planes[4][i] - expected.depth.plane(0)[i]) / 10);
+  }
+  CHECK(largest < 1e-4f);
+}
+
+TEST_CASE("two threads draw two scenes at once", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const RendererPtr renderer = cpu_renderer();
+  const stgs_view view = start_view(scene.get());
+  std::vector<std::vector<std::uint8_t>> expected;
+  for (int i = 0; i < 4; ++i) {
+    expected.push_back(draw_rgba8(renderer.get(), scene.get(), 0.25 * i, view));
+  }
+  int wrong[2] = {0, 0};
+  const auto draw_all = [&](int& count) {
+    const ScenePtr own = open_scene(file);
+    const RendererPtr own_renderer = cpu_renderer();
+    for (int i = 0; i < 8; ++i) {
+      std::vector<std::uint8_t> pixels(expected[0].size());
+      stgs_picture picture{};
+      picture.struct_size = sizeof picture;
+      picture.rgba8 = {pixels.data(), 0, pixels.size()};
+      if (stgs_render(own_renderer.get(), own.get(), 0.25 * (i % 4), &view, &picture, 1) !=
+              STGS_OK ||
+          pixels != expected[i % 4]) {
+        ++count;
+      }
+    }
+  };
+  std::thread other([&] { draw_all(wrong[1]); });
+  draw_all(wrong[0]);
+  other.join();
+  CHECK(wrong[0] == 0);
+  CHECK(wrong[1] == 0);
+}
+
+}  // namespace stgs::testing

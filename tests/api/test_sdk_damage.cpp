@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C interface, called wrongly and with files that are wrong: each has its result and its words.
+#include <algorithm>
+#include <limits>
+
+#include "sdk_fixture.h"
+
+namespace stgs::testing {
+namespace {
+
+bool has(const char* text, const char* words) {
+  return std::string(text).find(words) != std::string::npos;
+}
+
+}  // namespace
+
+TEST_CASE("calls without an object or of another size are refused", "[sdk]") {
+  stgs_scene_destroy(nullptr);
+  stgs_renderer_destroy(nullptr);
+  CHECK(stgs_scene_create(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_open(nullptr, "x") == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_render(nullptr, nullptr, 0, nullptr, nullptr, 1) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_renderer_get_backend(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
+  stgs_scene_settings settings = scene_settings();
+  CHECK(stgs_scene_settings_defaults(&settings, sizeof settings - 1) == STGS_ERROR_STRUCT_SIZE);
+  stgs_scene* scene = nullptr;
+  settings.struct_size = 4;
+  CHECK(stgs_scene_create(&settings, &scene) == STGS_ERROR_STRUCT_SIZE);
+  settings = scene_settings();
+  settings.max_memory = 0;
+  CHECK(stgs_scene_create(&settings, &scene) == STGS_ERROR_ARGUMENT);
+  CHECK(scene == nullptr);
+  stgs_error error{};
+  CHECK(stgs_scene_error(make_scene().get(), &error) == STGS_ERROR_STRUCT_SIZE);
+  CHECK(std::string(stgs_result_name(STGS_ERROR_LIMIT)) == "STGS_ERROR_LIMIT");
+  CHECK(std::string(stgs_result_name(77)) == "unknown result");
+}
+
+TEST_CASE("a scene that is not open says so, and can be opened after an error", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = make_scene();
+  stgs_scene_info info{};
+  info.struct_size = sizeof info;
+  CHECK(stgs_scene_get_info(scene.get(), &info) == STGS_ERROR_STATE);
+  CHECK(has(error_of(scene.get()).message, "no file is open"));
+  CHECK(stgs_scene_open(scene.get(), "/nowhere/none.stgs") == STGS_ERROR_IO);
+  CHECK(has(error_of(scene.get()).message, "/nowhere/none.stgs: cannot open"));
+  CHECK(stgs_scene_open(scene.get(), nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
+  CHECK(error_of(scene.get()).result == STGS_OK);
+  CHECK(stgs_scene_open(scene.get(), "x") == STGS_ERROR_STATE);
+  const char* text = nullptr;
+  CHECK(stgs_scene_get_text(scene.get(), 99, &text) == STGS_ERROR_ARGUMENT);
+  info.struct_size = 8;
+  CHECK(stgs_scene_get_info(scene.get(), &info) == STGS_ERROR_STRUCT_SIZE);
+  CHECK(has(error_of(scene.get()).message, "struct_size is 8"));
+}
+
+TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const RendererPtr renderer = cpu_renderer();
+  const stgs_view good = start_view(scene.get());
+  std::vector<std::uint8_t> pixels(4 * kSdkWidth * kSdkHeight, 7);
+  stgs_picture picture = empty_picture();
+  picture.rgba8 = {pixels.data(), 0, pixels.size()};
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  double seconds = 0;
+  std::uint32_t count = 1;
+  stgs_view view = good;
+  const char* words = "";
+
+  SECTION("a moment that is none") {
+    seconds = nan, words = "a moment of nan";
+  }
+  SECTION("no views") {
+    count = 0, words = "1 to 4 views, not 0";
+  }
+  SECTION("too many views") {
+    count = 5, words = "1 to 4 views, not 5";
+  }
+  SECTION("no width") {
+    view.width = 0, words = "0x48 pixels";
+  }
+  SECTION("too high") {
+    view.height = 40000, words = "64x40000 pixels";
+  }
+  SECTION("no focal length") {
+    view.fx = 0, words = "fx 0";
+  }
+  SECTION("a centre that is none") {
+    view.cx = nan, words = "cx nan";
+  }
+  SECTION("a mirror") {
+    view.rotation[0] = -1, words = "rotation";
+  }
+  SECTION("a place that is none") {
+    view.translation[1] = nan, words = "translation";
+  }
+  SECTION("no near plane") {
+    view.near_plane = 0, words = "near_plane";
+  }
+  SECTION("a colour that is none") {
+    view.background[2] = nan, words = "background";
+  }
+  SECTION("nothing wanted") {
+    picture.rgba8.data = nullptr, words = "nothing is wanted";
+  }
+  SECTION("rows that overlap") {
+    picture.rgba8.stride = 4 * kSdkWidth - 1, words = "stride";
+  }
+  SECTION("too little memory") {
+    picture.rgba8.bytes -= 1, words = "too few";
+  }
+  SECTION("a stride beyond all memory") {
+    picture.rgba8.stride = std::numeric_limits<std::size_t>::max() / 2, words = "too few";
+  }
+  SECTION("one plane of three") {
+    picture.rgb[1] = {pixels.data(), 0, pixels.size()}, words = "all three planes";
+  }
+  SECTION("floats out of step") {
+    picture.depth = {pixels.data(), 4 * kSdkWidth + 2, pixels.size()}, words = "multiples of 4";
+  }
+  CHECK(stgs_render(renderer.get(), scene.get(), seconds, &view, &picture, count) ==
+        STGS_ERROR_ARGUMENT);
+  INFO(error_of(renderer.get()).message);
+  CHECK(has(error_of(renderer.get()).message, words));
+  CHECK(std::count(pixels.begin(), pixels.end(), 7) == static_cast<long>(pixels.size()));
+}
+
+TEST_CASE("a damaged head is told with its byte", "[sdk]") {
+  auto file = sdk_file();
+  file[20] ^= 1;  // of the header, which has a checksum
+  const ScenePtr scene = make_scene();
+  CHECK(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_ERROR_INVALID_FILE);
+  const stgs_error error = error_of(scene.get());
+  CHECK(error.issue == 103);
+  CHECK(error.offset != STGS_NO_OFFSET);
+  CHECK(has(error.message, "memory: "));
+}
+
+TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
+  auto file = sdk_file();
+  file.resize(file.size() - 100);
+  std::string logged;
+  stgs_scene_settings settings = scene_settings();
+  settings.log_user = &logged;
+  settings.log = [](void* user, stgs_log_level level, const char* message) {
+    if (level == STGS_LOG_WARNING) *static_cast<std::string*>(user) += message;
+  };
+  const ScenePtr scene = make_scene(&settings);
+  REQUIRE(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
+  CHECK(has(logged.c_str(), "issue 106"));
+  stgs_issue issue{};
+  issue.struct_size = sizeof issue;
+  REQUIRE(stgs_scene_get_issue(scene.get(), 0, &issue) == STGS_OK);
+  CHECK(issue.number == 106);
+  CHECK(stgs_scene_get_issue(scene.get(), 1000, &issue) == STGS_ERROR_ARGUMENT);
+
+  settings.refuse_damage = 1;
+  const ScenePtr strict = make_scene(&settings);
+  CHECK(stgs_scene_open_memory(strict.get(), file.data(), file.size()) == STGS_ERROR_INVALID_FILE);
+  CHECK(error_of(strict.get()).issue == 106);
+}
+
+TEST_CASE("limits hold, and say which", "[sdk]") {
+  const auto file = sdk_file();
+  stgs_scene_settings settings = scene_settings();
+  const auto opened = [&] {
+    const ScenePtr scene = make_scene(&settings);
+    const stgs_result result = stgs_scene_open_memory(scene.get(), file.data(), file.size());
+    CHECK(has(error_of(scene.get()).message, "limit"));
+    return result;
+  };
+  SECTION("bytes") {
+    settings.max_file_bytes = file.size() - 1;
+    CHECK(opened() == STGS_ERROR_LIMIT);
+  }
+  SECTION("primitives") {
+    settings.max_primitives = 499;
+    CHECK(opened() == STGS_ERROR_LIMIT);
+  }
+  SECTION("memory") {
+    const auto large = encode_scene(random_scene(60000, 0, 30, 4), {});
+    REQUIRE(large.ok());
+    settings.max_memory = std::uint64_t{4} << 20;
+    const ScenePtr scene = make_scene(&settings);
+    stgs_result result = stgs_scene_open_memory(scene.get(), large->data(), large->size());
+    if (result == STGS_OK) {
+      const RendererPtr renderer = cpu_renderer();
+      stgs_view view;
+      REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
+      REQUIRE(stgs_view_resize(&view, 64, 36) == STGS_OK);
+      std::vector<std::uint8_t> pixels(4 * 64 * 36);
+      stgs_picture picture = empty_picture();
+      picture.rgba8 = {pixels.data(), 0, pixels.size()};
+      result = stgs_render(renderer.get(), scene.get(), 0.5, &view, &picture, 1);
+      CHECK(has(error_of(renderer.get()).message, "limit"));
+    }
+    CHECK(result == STGS_ERROR_LIMIT);
+  }
+}
+
+TEST_CASE("sources that fail are told, and closed once", "[sdk]") {
+  int closed = 0;
+  stgs_io io{};
+  io.struct_size = sizeof io;
+  io.user = &closed;
+  io.size = 100000;
+  io.read = [](void*, std::uint64_t, void*, std::size_t) { return 42; };
+  io.close = [](void* user) { ++*static_cast<int*>(user); };
+  const ScenePtr scene = make_scene();
+  CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_IO);
+  CHECK(has(error_of(scene.get()).message, "failed with 42"));
+  CHECK(closed == 1);
+  io.read = nullptr;
+  CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_ARGUMENT);
+  CHECK(closed == 1);
+}
+
+TEST_CASE("backends that are not there say so", "[sdk]") {
+  std::string logged;
+  stgs_renderer_settings settings;
+  REQUIRE(stgs_renderer_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  settings.log_user = &logged;
+  settings.log = [](void* user, stgs_log_level, const char* message) {
+    *static_cast<std::string*>(user) += message;
+  };
+  stgs_renderer* renderer = nullptr;
+  for (const stgs_backend backend : {STGS_BACKEND_CUDA, STGS_BACKEND_VULKAN}) {
+    settings.backend = backend;
+    logged.clear();
+    const stgs_result result = stgs_renderer_create(&settings, &renderer);
+    const RendererPtr made(renderer);
+    CHECK((result == STGS_OK) == (renderer != nullptr));
+    CHECK(
+        (result == STGS_OK || result == STGS_ERROR_NOT_BUILT || result == STGS_ERROR_UNSUPPORTED));
+    CHECK_FALSE(logged.empty());
+  }
+  settings.backend = 9;
+  CHECK(stgs_renderer_create(&settings, &renderer) == STGS_ERROR_ARGUMENT);
+  CHECK(renderer == nullptr);
+  settings.backend = STGS_BACKEND_AUTO;
+  REQUIRE(stgs_renderer_create(&settings, &renderer) == STGS_OK);
+  const RendererPtr made(renderer);
+  stgs_backend backend = STGS_BACKEND_AUTO;
+  REQUIRE(stgs_renderer_get_backend(renderer, &backend) == STGS_OK);
+  CHECK(backend != STGS_BACKEND_AUTO);
+}
+
+}  // namespace stgs::testing

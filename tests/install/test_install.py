@@ -1,0 +1,114 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""What is installed serves programs outside the tree, and the example draws what `stgs render` does.
+
+Installs into an empty folder, moves it, builds the example there by find_package (shared and static)
+and by pkg-config (both), and runs each.
+"""
+import argparse
+import glob
+import os
+import shutil
+import struct
+import subprocess
+import tempfile
+import unittest
+import zlib
+
+ARGUMENTS = None
+
+
+def run(*command, **options):
+    result = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert result.returncode == 0, f"{command}:\n{result.stdout}\n{result.stderr}"
+    return result.stdout
+
+
+def read_ppm(path):
+    with open(path, "rb") as file:
+        assert file.readline() == b"P6\n"
+        width, height = map(int, file.readline().split())
+        assert file.readline() == b"255\n"
+        pixels = file.read()
+    assert len(pixels) == 3 * width * height
+    return width, height, pixels
+
+
+def write_png(path, width, height, pixels):
+    def chunk(tag, body):
+        return struct.pack(">I", len(body)) + tag + body + struct.pack(">I", zlib.crc32(tag + body))
+    rows = b"".join(b"\0" + pixels[3 * width * y:3 * width * (y + 1)] for y in range(height))
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n"
+                   + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+                   + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+class Install(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp()
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+        run(ARGUMENTS.fixture, cls.folder)
+        run(ARGUMENTS.cmake, "--install", ARGUMENTS.build, "--prefix", cls.at("first"))
+        os.rename(cls.at("first"), cls.at("prefix"))
+        cls.library = os.path.dirname(glob.glob(cls.at("prefix/**/libstgs.so"), recursive=True)[0])
+        cls.picture(ARGUMENTS.minimal, "example.ppm")
+
+    @classmethod
+    def at(cls, name):
+        return os.path.join(cls.folder, name)
+
+    @classmethod
+    def picture(cls, program, name, environment=None):
+        run(program, cls.at("tiny.stgs"), "0.1", cls.at(name), env=environment)
+        return read_ppm(cls.at(name))
+
+    def test_the_example_draws_what_the_program_draws(self):
+        run(ARGUMENTS.stgs, "render", self.at("tiny.stgs"), "--time", "0.1", "-o", self.at("tiny.png"))
+        width, height, pixels = read_ppm(self.at("example.ppm"))
+        self.assertGreater(len(set(pixels)), 50)
+        write_png(self.at("example.png"), width, height, pixels)
+        # A byte that differs by 1 would be 87.7 dB.
+        run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
+
+    def test_find_package(self):
+        for name in ("stgs", "static"):
+            with self.subTest(library=name):
+                build = self.at(f"build_{name}")
+                run(ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"),
+                    "-B", build, f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
+                    f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DLIBRARY=stgs::{name}",
+                    f"-DEXAMPLE={ARGUMENTS.source}/sdk/examples/minimal.c")
+                run(ARGUMENTS.cmake, "--build", build)
+                self.assertEqual(self.picture(os.path.join(build, "consumer"), f"{name}.ppm"),
+                                 read_ppm(self.at("example.ppm")))
+
+    def test_pkg_config(self):
+        environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
+        for name, words in ("shared", []), ("static", ["--static"]):
+            with self.subTest(library=name):
+                flags = run("pkg-config", "--cflags", "--libs", *words, "stgs",
+                            env=environment).split()
+                if words:  # the archive, where the linker would take the shared library
+                    flags = ["-l:libstgs.a" if flag == "-lstgs" else flag for flag in flags]
+                program = self.at(f"by_pkg_config_{name}")
+                run(ARGUMENTS.cc, os.path.join(ARGUMENTS.source, "sdk/examples/minimal.c"), *flags,
+                    "-o", program)
+                used = dict(os.environ)
+                if not words:
+                    used["LD_LIBRARY_PATH"] = self.library
+                self.assertEqual(self.picture(program, f"pc_{name}.ppm", used),
+                                 read_ppm(self.at("example.ppm")))
+
+    def test_the_shared_library_has_its_soname(self):
+        names = {os.path.basename(path) for path in glob.glob(os.path.join(self.library, "*.so*"))}
+        self.assertEqual(names, {"libstgs.so", "libstgs.so.0", "libstgs.so.0.1.0"})
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    for argument in ("build", "source", "stgs", "fixture", "minimal", "cmake", "cc"):
+        parser.add_argument(f"--{argument}", required=True)
+    ARGUMENTS, rest = parser.parse_known_args()
+    unittest.main(argv=["test_install.py", *rest])
