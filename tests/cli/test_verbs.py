@@ -194,8 +194,9 @@ class Reading(CliTest):
         self.assertIn(b"two eyes take", self.succeeds(*args, "--stereo", "0.06").stdout)
 
     def test_bench_tells_steps_where_the_backend_does(self):
+        # At once, not after the many pictures of the first pass.
         self.fails(5, "'cpu' does not tell what its steps take", "bench", self.fixture("tiny.stgs"),
-                   "--steps", "--backend", "cpu")
+                   "--steps", "--backend", "cpu", "--pictures", "1000000")
 
     def test_bench_stores_more_than_is_alive(self):
         args = ["bench", self.fixture("tiny.stgs"), "--pictures", "5", "--size", "32x24"]
@@ -224,6 +225,10 @@ class Reading(CliTest):
         text = self.succeeds("bench", scene, "--play", "player", "--frames", "2").stdout.decode()
         self.assertRegex(text, r"2 frames at 1 times their rate, 100 pictures a second: \d of 7 ")
         self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")
+        self.fails(USAGE, "--pictures excludes --play", "bench", scene, "--play", "player",
+                   "--pictures", "9")
+        self.fails(USAGE, r"are 3\.33e\+10 pictures, more than 10000000", "bench", scene, "--play",
+                   "timeline", "--frames", "1000000", "--rate", "0.01", "--refresh", "10000")
         camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
         self.fails(USAGE, "takes one camera, not 2", "bench", scene, "--play", "player",
                    "--camera", camera, "--camera", camera)

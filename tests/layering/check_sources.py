@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the source tree to its shape: who may include whom, file lengths, licence lines.
+"""Holds the source tree to its shape: who may include whom, one type a name, file lengths, licence
+lines.
 
 usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one a line on stdout
 """
@@ -36,6 +37,8 @@ SCRIPTS = (".py", ".sh", ".cmake")
 MAX_LINES = 800
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
+NAMESPACE = re.compile(r"(?:inline )?namespace ?([\w:]*) ?\{$")
+TYPE = re.compile(r"(?:class|struct|union|enum class|enum)(?: alignas\(\w+\))? (\w+)(?!\w|::)[^;(<]*\{")
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
 
 
@@ -104,8 +107,22 @@ def check_include_root(path):
         yield f"{path}: a public header of {module} belongs in {home}"
 
 
+def named_types(lines):
+    """(line number, full name) of the types that a file defines for the linker to see."""
+    spaces = []
+    for number, line in enumerate(lines, 1):
+        opened, found = NAMESPACE.match(line), TYPE.match(line)
+        if opened:
+            spaces.append(opened.group(1))
+        elif line.startswith("}  // namespace") and spaces:
+            spaces.pop()
+        elif found and spaces and all(spaces):
+            yield number, "::".join(spaces + [found.group(1)])
+
+
 def check(root):
     problems = []
+    types = {}  # full name -> the file that defines it
     for name in sorted(os.listdir(root)):
         if name not in TOP_LEVEL and name not in ignored_top_level(root):
             problems.append(f"{name}: nothing but the agreed folders and files at the top")
@@ -120,6 +137,10 @@ def check(root):
         if path.endswith(CODE):
             problems += check_includes(root, path, lines)
             problems += check_include_root(path)
+        if path.endswith(CODE) and not path.startswith("tests/"):  # each of which is a program
+            for number, name in named_types(lines):
+                if types.setdefault(name, path) != path:
+                    problems.append(f"{path}:{number}: {name} is defined in {types[name]} too")
     return problems
 
 

@@ -75,6 +75,22 @@ class CheckSources(unittest.TestCase):
         self.assert_breach("format/include/stgs/other/a.h", "", "belongs in")
         self.assert_breach("player/src/include/a.h", "", "belongs in")
 
+    def test_one_type_a_name(self):
+        inside = "namespace stgs {{\n{}\n}}  // namespace stgs\n"
+        hidden = "namespace {{\n{}\n}}  // namespace\n"
+        for other, count in [("class A final : public B {", 1), ("struct A {", 1), ("class A;", 0),
+                             ("class A::C {", 0), ("template <>\nstruct A<int> {", 0),
+                             ("class C {", 0), (hidden.format("class A {\n};"), 0)]:
+            with self.subTest(other=other):
+                found = self.problems({
+                    "tools/a.h": LICENCE + inside.format("class A {\n};"),
+                    "tools/b.cpp": LICENCE + inside.format(other + "\n};"),
+                })
+                self.assertEqual(len(found), count, found)
+        self.assertIn("stgs::A is defined in", self.problems({
+            path: LICENCE + inside.format("enum class A {\n};")
+            for path in ("tools/a.h", "tools/b.cpp")})[0])
+
     def test_the_top_level_is_closed(self):
         self.assertIn("vendored: nothing but", self.problems({"vendored/a.txt": ""})[0])
 

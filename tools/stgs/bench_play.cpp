@@ -14,13 +14,15 @@
 namespace stgs::tools {
 namespace {
 
-constexpr double kPoll = 0.001;  // seconds
+constexpr double kPoll = 0.001;   // seconds
+constexpr double kPatience = 60;  // seconds without a byte that play is given to begin
+constexpr double kMostPictures = 1e7;
 
 void sleep(double seconds) {
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
 }
 
-class TimelinePlayback final : public Playback {
+class TimelinePlayback final : public MeasuredPlayback {
  public:
   TimelinePlayback(std::unique_ptr<player::Timeline> timeline, double rate)
       : timeline_(std::move(timeline)), rate_(rate) {}
@@ -35,7 +37,7 @@ class TimelinePlayback final : public Playback {
   double rate_;
 };
 
-class PlayerPlayback final : public Playback {
+class PlayerPlayback final : public MeasuredPlayback {
  public:
   explicit PlayerPlayback(std::unique_ptr<player::Player> player) : player_(std::move(player)) {}
   player::Timeline& timeline() override { return player_->timeline(); }
@@ -49,6 +51,8 @@ class PlayerPlayback final : public Playback {
   // The player's clock stands at 0 meanwhile, and goes on from there.
   Status begin() {
     player_->play();
+    std::uint64_t fetched = 0;
+    double come = now_seconds();  // the last bytes
     while (player_->advance(0), player_->state() != player::PlayerState::kPlaying) {
       for (const player::PlayerEvent& event : player_->take_events()) {
         if (event.kind == player::PlayerEvent::Kind::kLost) {
@@ -56,6 +60,14 @@ class PlayerPlayback final : public Playback {
         }
       }
       if (interrupted()) return runtime_error("play has not begun");
+      const double now = now_seconds();
+      if (std::uint64_t so_far = player_->statistics().fetched_bytes; so_far != fetched) {
+        fetched = so_far;
+        come = now;
+      }
+      if (now - come > kPatience) {
+        return runtime_error("play has not begun, and nothing has come for {} s", kPatience);
+      }
       sleep(kPoll);
     }
     return {};
@@ -66,21 +78,22 @@ class PlayerPlayback final : public Playback {
 
 }  // namespace
 
-std::unique_ptr<Playback> playback_of(std::unique_ptr<player::Timeline> timeline, double rate) {
+std::unique_ptr<MeasuredPlayback> playback_of(std::unique_ptr<player::Timeline> timeline,
+                                              double rate) {
   return std::make_unique<TimelinePlayback>(std::move(timeline), rate);
 }
 
-Result<std::unique_ptr<Playback>> playback_of(std::unique_ptr<ByteSource> source,
-                                              std::uint64_t memory_budget, double rate) {
+Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource> source,
+                                                      std::uint64_t memory_budget, double rate) {
   player::PlayerSettings settings;
   settings.memory_budget = memory_budget;
   STGS_ASSIGN(auto player, player::Player::over(std::move(source), settings));
   STGS_TRY(player->set_rate(rate));
   player->set_loop(true);
-  return std::unique_ptr<Playback>(std::make_unique<PlayerPlayback>(std::move(player)));
+  return std::unique_ptr<MeasuredPlayback>(std::make_unique<PlayerPlayback>(std::move(player)));
 }
 
-Result<Played> play(Session& session, Playback& playback, player::Renderer& renderer,
+Result<Played> play(Session& session, MeasuredPlayback& playback, player::Renderer& renderer,
                     const std::vector<player::View>& views, const PlaySettings& settings,
                     const std::string& file) {
   Played out;
@@ -92,7 +105,13 @@ Result<Played> play(Session& session, Playback& playback, player::Renderer& rend
   const double period = 1 / settings.refresh;
   const SceneMetadata& metadata = playback.timeline().metadata();
   const double length = metadata.time_base.seconds(settings.frames) / settings.rate;
-  out.pictures = std::max(1, static_cast<int>(std::ceil(length / period - 1e-9)));
+  const double pictures = std::max(1.0, std::ceil(length / period - 1e-9));
+  if (!(pictures <= kMostPictures)) {
+    return usage_error(
+        "--frames {} at --rate {} and --refresh {} are {:.3g} pictures, more than {}",
+        settings.frames, settings.rate, settings.refresh, pictures, kMostPictures);
+  }
+  out.pictures = static_cast<int>(pictures);
   const double begin = now_seconds();
   STGS_TRY(draw(0));
   const double start = now_seconds();
@@ -101,7 +120,7 @@ Result<Played> play(Session& session, Playback& playback, player::Renderer& rend
     const double due = k * period;
     const double early = due - (now_seconds() - start);
     if (early > 0) sleep(early);
-    if (early > -period) {
+    if (k == 0 || early > -period) {
       const double begun = now_seconds();
       STGS_TRY(draw(due));
       const double end = now_seconds();

@@ -19,22 +19,23 @@ struct PlaySettings {
 };
 
 // What a clip is played through.
-class Playback {
+class MeasuredPlayback {
  public:
-  virtual ~Playback() = default;
+  virtual ~MeasuredPlayback() = default;
   virtual player::Timeline& timeline() = 0;
   // The moment to draw `passed` seconds after play began; at 0 waits until it can begin.
-  // kRuntime where it cannot.
+  // kIo where what it begins with is lost, kRuntime where nothing comes for a minute.
   virtual Result<double> advance(double passed) = 0;
   // Whether it stood still at the last moment, for want of what is next.
   virtual bool waits() const = 0;
 };
 
 // "timeline": a moment's segments are decoded when it is drawn, by the renderer's device.
-std::unique_ptr<Playback> playback_of(std::unique_ptr<player::Timeline> timeline, double rate);
+std::unique_ptr<MeasuredPlayback> playback_of(std::unique_ptr<player::Timeline> timeline,
+                                              double rate);
 // "player": fetched and decoded ahead, by threads of the processor.
-Result<std::unique_ptr<Playback>> playback_of(std::unique_ptr<ByteSource> source,
-                                              std::uint64_t memory_budget, double rate);
+Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource> source,
+                                                      std::uint64_t memory_budget, double rate);
 
 struct Played {
   Pass pass;            // the pictures that were drawn
@@ -45,9 +46,9 @@ struct Played {
   double seconds = 0;   // from then on
 };
 
-// Draws a picture of `view` each 1 / refresh seconds; one that is late is left out, as by a
-// display. `file` is for messages.
-Result<Played> play(Session& session, Playback& playback, player::Renderer& renderer,
+// Draws a picture of `views` each 1 / refresh seconds; but for the first, one that is late is left
+// out, as by a display. `file` is for messages. kUsage where these are more than 10^7 pictures.
+Result<Played> play(Session& session, MeasuredPlayback& playback, player::Renderer& renderer,
                     const std::vector<player::View>& views, const PlaySettings& settings,
                     const std::string& file);
 

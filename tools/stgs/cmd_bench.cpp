@@ -58,9 +58,8 @@ class Bench final : public Command {
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; may be given again. Else the file's own");
     app.add_option("--size", size_, "WIDTHxHEIGHT in pixels; the view angle is kept an axis each");
-    app.add_option("--pictures", pictures_, "How many a pass draws")
-        ->check(number_between(1, 1e6))
-        ->capture_default_str();
+    auto* pictures = app.add_option("--pictures", pictures_, "How many a pass draws");
+    pictures->check(number_between(1, 1e6))->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Draw two eyes so far apart, scene units")
         ->check(number_between(0, 1e6));
     auto* steps =
@@ -68,6 +67,7 @@ class Bench final : public Command {
                      "Tell what each step of drawing takes, beside what it must move and compute");
     auto* play = app.add_option("--play", play_through_, "Play in order through this")
                      ->excludes(steps)
+                     ->excludes(pictures)
                      ->check(CLI::IsMember({"timeline", "player"}));
     app.add_option("--frames", play_.frames, "How many --play plays")
         ->needs(play)
@@ -181,6 +181,8 @@ class Bench final : public Command {
       const double begin = now_seconds();
       STGS_TRY(at_moment(renderer.draw(timeline, seconds, views, &stats), file_, seconds));
       out.passes[pass].add(1e3 * (now_seconds() - begin), stats);
+      // A backend that cannot tell says so before the first pass has been waited for.
+      if (steps_ && k == 0) STGS_TRY(renderer.profile().status());
       if (steps_ && pass == 1) {
         STGS_ASSIGN(const player::RenderProfile profile, renderer.profile());
         out.steps.add(profile);
@@ -221,7 +223,7 @@ class Bench final : public Command {
     return session.emit(json, text);
   }
 
-  Status run_play(Session& session, Playback& playback, player::Renderer& renderer) {
+  Status run_play(Session& session, MeasuredPlayback& playback, player::Renderer& renderer) {
     player::Timeline& timeline = playback.timeline();
     tell_damage(session, timeline);
     STGS_ASSIGN(const auto cameras, find_cameras(timeline.metadata()));
