@@ -135,6 +135,7 @@ class StreamPlayer final : public Player {
   bool ready() const override { return store_.ready(clock_.ticks()); }
   int layers() const override { return store_.layers(clock_.ticks()); }
   int layers_of_file() const override { return 2 * store_.tiers(); }
+  bool settled() const override { return store_.settled(clock_.ticks()); }
   std::vector<TimeRange> buffered() const override {
     std::vector<TimeRange> out;
     for (const TickRange& range : store_.ready_ranges()) {

@@ -358,6 +358,56 @@ TEST_CASE("damage costs its piece alone") {
                     [&](const auto& part) { return part.segment == segment; }));
 }
 
+TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
+  Playing sound;
+  REQUIRE(sound.until([&] { return sound.player->settled(); }));
+  CHECK(sound.player->layers() == sound.player->layers_of_file());
+
+  const SegmentInfo* base = nullptr;
+  for (const SegmentInfo& s : clip().reader->segments()) {
+    if (s.level < 0 && s.tier == 1) base = &s;
+  }
+  REQUIRE(base != nullptr);
+  std::vector<std::uint8_t> bytes = clip().bytes;
+  bytes[base->offset + base->bytes / 2] ^= 1;
+  Playing damaged({}, bytes);
+  REQUIRE(damaged.until([&] { return damaged.player->settled(); }));
+  CHECK(damaged.count(Kind::kDamaged) > 0);
+  CHECK(damaged.player->layers() == 1);
+
+  PlayerSettings settings;
+  settings.retry_seconds = 60;
+  const auto lost = [](Link& link) { link.set(Link::Answer::kFail, clip().pieces_at); };
+  Playing down(settings, clip().bytes, lost);
+  REQUIRE(down.until([&] { return down.player->settled(); }));
+  CHECK(down.player->layers() == 0);
+
+  const auto waits = [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); };
+  Playing waiting({}, clip().bytes, waits);
+  waiting.until([&] { return !waiting.link->asked().empty(); });
+  CHECK_FALSE(waiting.player->settled());
+}
+
+TEST_CASE("a moment is settled where memory has no room for the rest of it") {
+  std::uint64_t all = 0;
+  for (const std::uint32_t s : clip().reader->segments_between(0, 0)) {
+    const SegmentInfo& segment = clip().reader->segments()[s];
+    all += segment.bytes + segment.harmonics_bytes + held_bytes(segment.primitives, 2);
+  }
+  for (const double share : {0.001, 0.3, 0.6, 0.8}) {
+    INFO(share);
+    PlayerSettings settings;
+    settings.retry_seconds = 60;
+    settings.memory_budget = static_cast<std::uint64_t>(share * static_cast<double>(all));
+    Playing p(settings);
+    REQUIRE(p.until([&] { return p.player->settled(); }));
+    CHECK(p.player->layers() < p.player->layers_of_file());
+    // Room for all of another moment: what is said of the one does not hold for the other.
+    REQUIRE(p.player->seek_frame(45).ok());
+    REQUIRE(p.until([&] { return p.player->settled(); }));
+  }
+}
+
 TEST_CASE("memory stays within its budget, and play comes to the end all the same") {
   PlayerSettings settings;
   std::uint64_t most = 0;

@@ -112,10 +112,27 @@ class WindowTest(unittest.TestCase):
         self.assertGreater(report["seconds"], 0)
         self.shows_what_render_draws(report)
 
+    def test_a_damaged_scene_is_shown_as_far_as_it_is_sound(self):
+        with open(self.path("scene.stgs"), "rb") as file:
+            data = bytearray(file.read())
+        for at in range(len(data) // 2, len(data) // 2 + 200):
+            data[at] ^= 0xff
+        with open(self.path("scene.stgs"), "wb") as file:
+            file.write(data)
+        result = self.run_stgs("play", "scene.stgs", "--time", 1.3, "--paused", "--no-overlay",
+                               "--size", f"{WIDTH}x{HEIGHT}", "--screenshot", "window.png",
+                               "--format", "json")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("damaged, left out", result.stderr)
+        self.assertIn("scene.stgs at 1.3 s: the screenshot lacks", result.stderr)
+        self.render(json.loads(result.stdout), "expected.png")
+        self.assertFalse(self.differs("window.png", "expected.png"))
+
     def start(self, *args):
         process = subprocess.Popen([STGS, "play", *args, "--format", "json"], cwd=self.work,
                                    env=DISPLAY.environment, stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE, text=True)
+        self.process = process
         self.addCleanup(process.communicate)
         self.addCleanup(process.kill)
         return process
@@ -133,7 +150,8 @@ class WindowTest(unittest.TestCase):
                 self.xdotool("mousemove", "--window", found[0], 300, 200)
                 return found[0]
             time.sleep(0.05)
-        self.fail(f"no window '{name}'")
+        self.fail(f"no window '{name}'; exit code {self.process.poll()}, windows "
+                  + self.xdotool("search", "--name", ".").stdout)
 
     def test_keys_and_the_mouse_do_what_the_help_says(self):
         process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused")
@@ -145,10 +163,7 @@ class WindowTest(unittest.TestCase):
             self.xdotool("mousemove_relative", 20, 4)
             time.sleep(0.1)
         self.xdotool("mouseup", 1, "key", "F1", "key", "p")
-        for _ in range(1000):
-            if os.path.exists(self.path("stgs-001.png")):
-                break
-            time.sleep(0.05)
+        self.wait_for("stgs-001.png")
         self.xdotool("key", "Escape")
         out, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 0, error)
@@ -157,6 +172,45 @@ class WindowTest(unittest.TestCase):
         self.assertGreater(abs(report["camera"]["rotation"][2]), 0.1)
         self.render(report, "expected.png")
         self.assertFalse(self.differs("stgs-001.png", "expected.png"))
+
+    def wait_for(self, name):
+        for _ in range(1000):
+            if os.path.exists(self.path(name)):
+                return
+            time.sleep(0.05)
+        self.fail(f"no {name}")
+
+    def test_a_window_takes_other_sizes(self):
+        process = self.start("scene.stgs", "--paused", "--no-overlay", "--log-level", "debug")
+        window = self.window_of("random scene")
+        for i, (width, height) in enumerate([(500, 300), (1, 1), (301, 477)], 1):
+            self.xdotool("windowsize", "--sync", window, width, height)
+            time.sleep(0.3)
+            self.xdotool("key", "--window", window, "p")
+            self.wait_for(f"stgs-{i:03}.png")
+        time.sleep(0.3)  # it is written whole
+        self.xdotool("key", "--window", window, "Escape")
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        self.assertNotIn("alidation", error)
+        report = json.loads(out)
+        self.assertEqual((report["width"], report["height"]), (301, 477))
+        self.render(report, "expected.png")
+        self.assertFalse(self.differs("stgs-003.png", "expected.png"))
+
+    def test_a_key_that_is_held_acts_once_but_an_arrow(self):
+        process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused")
+        self.window_of("random scene")
+        for key in ("p", "Right"):
+            self.xdotool("keydown", key)
+            time.sleep(2)
+            self.xdotool("keyup", key)
+        self.wait_for("stgs-001.png")
+        self.xdotool("key", "Escape")
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        self.assertGreater(json.loads(out)["seconds"], 2 / 30)  # the display repeats keys
+        self.assertFalse(os.path.exists(self.path("stgs-002.png")))
 
     def test_a_window_whose_server_never_answers_is_awake(self):
         with socket.socket() as server:

@@ -34,7 +34,7 @@ class Play final : public Command {
 
   void declare(CLI::App& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
-    app.add_option("--start-camera", camera_,
+    app.add_option("--start-camera,--camera", camera_,
                    "Camera file (JSON, as of 'stgs render'); else the file's start camera");
     app.add_option("--size", size_,
                    "WIDTHxHEIGHT of the window; else the camera's, at most 1280x720");
@@ -106,7 +106,7 @@ class Play final : public Command {
 
 #ifdef STGS_HAS_PLAY
   Status tell(Session& session, const ShowReport& report) const {
-    const double fps = report.wall > 0 ? static_cast<double>(report.pictures) / report.wall : 0;
+    const double fps = report.busy > 0 ? static_cast<double>(report.following) / report.busy : 0;
     Json json = {{"file", file_},
                  {"device", report.device},
                  {"width", report.size.width},

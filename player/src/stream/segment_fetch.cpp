@@ -80,9 +80,16 @@ std::optional<Piece> SegmentStore::next_piece(double now) const {
 // Marks a piece as coming if there is room for it.
 bool SegmentStore::take(const Piece& piece, double urgency) {
   if (!make_room(memory_of(piece), urgency)) return false;
+  if (urgency >= full_from_) full_from_ = kForEver;
   count(piece, memory_of(piece));
   state(piece).at = At::kComing;
   return true;
+}
+
+// Whether decoding is about to leave room.
+bool SegmentStore::is_decoding() const {
+  return next_decode() || std::any_of(entries_.begin(), entries_.end(),
+                                      [](const Entry& entry) { return entry.decoding; });
 }
 
 // Puts the next run into `taken`; false where there is none.
@@ -91,6 +98,7 @@ bool SegmentStore::next_run(double now, Runs& taken) {
   if (!first) return false;
   const double urgency = urgency_of(*first);
   if (!take(*first, urgency)) {
+    if (running_.empty() && !is_decoding()) full_from_ = std::min(full_from_, urgency);
     // What the viewer waits for and cannot have is passed over, or he would wait for ever.
     const bool layer0 =
         layer_of(reader_->segments()[first->segment], first->harmonics, tiers_) == 0;

@@ -84,6 +84,7 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
     const std::lock_guard lock(mutex_);
     motion_ = motion;
     jumps_ += jumped ? 1 : 0;
+    if (jumped) full_from_ = kForEver;
   }
   to_fetch_.notify_all();
   to_decode_.notify_one();
@@ -94,18 +95,28 @@ std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment) con
   return entries_[segment].held;
 }
 
-bool SegmentStore::settled(std::uint32_t segment) const {
+bool SegmentStore::base_settled(std::uint32_t segment) const {
   // A base that was lost and comes again is not waited for.
   const Entry& entry = entries_[segment];
   return entry.held != nullptr || entry.base.at == At::kLost || entry.base.patience > 0 ||
          !reader_->segments()[segment].shown();
 }
 
+bool SegmentStore::harmonics_settled(std::uint32_t segment) const {
+  const Entry& entry = entries_[segment];
+  return entry.with_harmonics || entry.harmonics.at == At::kLost || entry.harmonics.patience > 0 ||
+         (entry.held == nullptr && base_settled(segment));
+}
+
+bool SegmentStore::has_no_room(const Piece& piece) const {
+  return state(piece).at == At::kAway && urgency_of(piece) >= full_from_;
+}
+
 bool SegmentStore::ready(double ticks) const {
   const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   const std::lock_guard lock(mutex_);
   return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
-    return reader_->segments()[s].tier > 0 || settled(s);
+    return reader_->segments()[s].tier > 0 || base_settled(s);
   });
 }
 
@@ -115,7 +126,7 @@ std::vector<TickRange> SegmentStore::ready_ranges() const {
     const std::lock_guard lock(mutex_);
     for (std::uint32_t s = 0; s < entries_.size(); ++s) {
       const SegmentInfo& segment = reader_->segments()[s];
-      if (segment.tier == 0 && !settled(s))
+      if (segment.tier == 0 && !base_settled(s))
         gaps.push_back({segment.begin_ticks, segment.end_ticks});
     }
   }
@@ -146,6 +157,15 @@ int SegmentStore::layers(double ticks) const {
     }
   }
   return layers;
+}
+
+bool SegmentStore::settled(double ticks) const {
+  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
+  const std::lock_guard lock(mutex_);
+  return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
+    if (!base_settled(s)) return has_no_room({s, false});
+    return harmonics_settled(s) || has_no_room({s, true});
+  });
 }
 
 StreamStatistics SegmentStore::statistics() const {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <limits>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -48,6 +49,8 @@ class SegmentStore {
   std::vector<TickRange> ready_ranges() const;
   // Layers of which all is there at a moment, from 0 on.
   int layers(double ticks) const;
+  // Whether nothing more of a moment comes as long as the viewer is there.
+  bool settled(double ticks) const;
   StreamStatistics statistics() const;
   // What damage has taken so far.
   std::vector<Loss> losses() const;
@@ -89,7 +92,9 @@ class SegmentStore {
   std::uint64_t memory_of(const Piece& piece) const;  // that it takes, decoded too
   Need need_for(const Piece& piece) const;
   double urgency_of(const Piece& piece) const;
-  bool settled(std::uint32_t segment) const;  // of a base: here and decoded, or lost so far
+  bool base_settled(std::uint32_t segment) const;  // here and decoded, or lost so far
+  bool harmonics_settled(std::uint32_t segment) const;
+  bool has_no_room(const Piece& piece) const;
 
   static double clock_seconds();
   void start_threads();
@@ -109,6 +114,7 @@ class SegmentStore {
   std::optional<Piece> next_piece(double now) const;
   bool next_run(double now, Runs& taken);
   bool take(const Piece& piece, double urgency);
+  bool is_decoding() const;
   void extend(Run& run, double urgency, double now);
   std::size_t stretch_of(const Run& run) const;
   bool given_up(const Run& run) const;
@@ -140,6 +146,8 @@ class SegmentStore {
   std::vector<Entry> entries_;  // by segment
   Runs running_;                // under way
   std::uint64_t memory_ = 0;
+  // Nothing as urgent as this or later found room when nothing was under way.
+  double full_from_ = std::numeric_limits<double>::infinity();
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0;
   std::vector<PlayerEvent> events_;

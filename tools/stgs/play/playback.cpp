@@ -5,6 +5,8 @@
 #include <cmath>
 #include <iterator>
 
+#include "losses.h"
+
 namespace stgs::tools {
 namespace {
 
@@ -41,6 +43,7 @@ Result<bool> Playback::is_open() {
 }
 
 Status Playback::begin() {
+  tell_damage(session_, player_->timeline());
   if (settings_.seconds > duration()) {
     return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", settings_.seconds,
                        settings_.file, duration());
@@ -90,7 +93,7 @@ double Playback::buffered_ahead() const {
   return 0;
 }
 
-bool Playback::is_complete() const {
+bool Playback::is_whole() const {
   return player_->ready() && player_->layers() >= player_->layers_of_file();
 }
 
@@ -146,6 +149,11 @@ void Playback::take_events(double now) {
     notices_.push_back({now, fmt::format("{}: {}", what, event.message)});
     session_.log(1, fmt::format("at byte {}: {} ({})", event.offset, event.message, what));
   }
+}
+
+void Playback::warn(double now, const std::string& text) {
+  notices_.push_back({now, text});
+  session_.log(1, text);
 }
 
 std::vector<std::string> Playback::notices(double now) {

@@ -47,8 +47,9 @@ class Playback {
   std::uint32_t frame() const;
   double bits_per_second() const;  // of the file, mean
   double buffered_ahead() const;   // seconds, in the direction of play
-  // Whether all of the moment is there.
-  bool is_complete() const;
+  // Whether nothing more of the moment is coming, and whether all of it is there.
+  bool is_settled() const { return player_->settled(); }
+  bool is_whole() const;
 
   void toggle_pause();
   void step(int frames);  // pauses
@@ -56,6 +57,8 @@ class Playback {
   void change_rate(int by);  // to a neighbour in kRates
   void toggle_loop();
 
+  // Adds a line to notices(), and warns.
+  void warn(double now, const std::string& text);
   // Lines about what went wrong of late, oldest first.
   std::vector<std::string> notices(double now);
   std::uint64_t stalls() const { return stalls_; }

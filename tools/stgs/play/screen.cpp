@@ -9,6 +9,8 @@ namespace stgs::tools {
 namespace {
 
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+// Nanoseconds for a picture: a window that is covered may give none, and is still to be closed.
+constexpr std::uint64_t kPatience = 100'000'000;
 constexpr VkImageLayout kDrawn = VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL;
 
 }  // namespace
@@ -118,6 +120,7 @@ Status Screen::make_frames() {
 
 Status Screen::make_swapchain(Size size) {
   const player::VulkanDevice& device = device_.device();
+  outdated_ = true;  // until there is another
   STGS_TRY(vk_status(vkDeviceWaitIdle(handle()), "waiting for the device"));
   drop_targets();
   VkSurfaceCapabilitiesKHR can{};
@@ -213,10 +216,12 @@ Result<std::optional<Screen::Picture>> Screen::begin(Size size) {
     if (outdated_) return std::optional<Picture>();
   }
   const Frame& frame = frames_[number_ % frames_.size()];
-  STGS_TRY(vk_status(vkWaitForFences(handle(), 1, &frame.ended, VK_TRUE, kNoLimit),
-                     "waiting for a picture"));
+  const VkResult ended = vkWaitForFences(handle(), 1, &frame.ended, VK_TRUE, kPatience);
+  if (ended == VK_TIMEOUT) return std::optional<Picture>();
+  STGS_TRY(vk_status(ended, "waiting for a picture"));
   const VkResult result =
-      vkAcquireNextImageKHR(handle(), swapchain_, kNoLimit, frame.free, VK_NULL_HANDLE, &current_);
+      vkAcquireNextImageKHR(handle(), swapchain_, kPatience, frame.free, VK_NULL_HANDLE, &current_);
+  if (result == VK_TIMEOUT || result == VK_NOT_READY) return std::optional<Picture>();
   if (result == VK_ERROR_OUT_OF_DATE_KHR) {
     outdated_ = true;
     return std::optional<Picture>();

@@ -30,11 +30,13 @@ class Screen {
     player::VulkanImage image;
     VkSemaphore free;
   };
-  // The next one, of about `size` pixels. Nothing where the window has changed at this moment; try
-  // again. kUnsupported where the window's images cannot be drawn in.
+  // The next one, of about `size` pixels. Nothing where the window has changed at this moment, has
+  // no size, or is not shown; try again. kUnsupported where the window's images cannot be drawn in.
   Result<std::optional<Picture>> begin(Size size);
+  // Whether what is shown can be copied.
+  bool can_copy() const { return can_copy_; }
   // Draws `list` over the scene, or over black where `has_scene` is false, and shows it. Where
-  // `copy` is set it gets what is shown, for which this waits.
+  // `copy` is set it gets what is shown, for which this waits; kUnsupported unless can_copy().
   Status end(const ImDrawData& list, bool has_scene, encoder::Image8* copy);
 
  private:

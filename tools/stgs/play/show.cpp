@@ -28,6 +28,7 @@ constexpr double kFlight = 0.5;           // of the distance to what is looked a
 constexpr double kFast = 4;               // times that, with the shift key
 constexpr double kJump = 1;               // seconds, of an arrow with the shift key
 constexpr double kRecent = 1;             // seconds that the rate of pictures is taken over
+constexpr int kMostTries = 4;             // at a picture with room for all its splats
 
 // The rate of pictures of late.
 class PictureRate {
@@ -64,7 +65,7 @@ class Show {
   }
 
   Status open() {
-    STGS_ASSIGN(window_, Window::make("stgs play " + settings_.playback.file, first_size()));
+    STGS_ASSIGN(window_, Window::make("stgs play " + file(), first_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
       on_message = [this](const std::string& text) { session_.log(1, text); };
@@ -73,6 +74,9 @@ class Show {
     screen_ = std::make_unique<Screen>(*device_);
     ImGui::GetIO().Fonts->Build();
     STGS_TRY(screen_->create(window_->picture_size()));
+    if (!settings_.screenshot.empty() && !screen_->can_copy()) {
+      return unsupported("--screenshot: the pictures of this window cannot be copied");
+    }
     STGS_ASSIGN(renderer_, player::make_vulkan_renderer(device_->device()));
     overlay_ = settings_.overlay;
     report_.device = device_->name();
@@ -80,15 +84,15 @@ class Show {
   }
 
   Status run() {
-    const double begin = now_seconds();
     while (!window_->closing() && !done_) {
       if (interrupted()) return runtime_error("the window is closed");
-      window_->look(is_still() ? kIdle : 0);
+      const bool still = is_still();
+      follows_ = follows_ && !still;
+      window_->look(still ? kIdle : 0);
       STGS_TRY(picture());
       STGS_TRY(look_at_saving(false));
     }
     STGS_TRY(renderer_->wait());
-    report_.wall = now_seconds() - begin;
     if (is_open_) report_.stalls = playback_.stalls();
     return look_at_saving(true);
   }
@@ -96,6 +100,8 @@ class Show {
   const ShowReport& report() const { return report_; }
 
  private:
+  const std::string& file() const { return settings_.playback.file; }
+
   Size first_size() const {
     if (settings_.size) return *settings_.size;
     if (!settings_.camera) return kFirstSize;
@@ -109,7 +115,7 @@ class Show {
   // Whether the next picture is as the last: then it need not come as fast as the screen shows
   // them.
   bool is_still() const {
-    return is_open_ && complete_ && !moved_ && !save_ && settings_.screenshot.empty() &&
+    return is_open_ && settled_ && !moved_ && !save_ && settings_.screenshot.empty() &&
            !playback_.is_playing();
   }
 
@@ -117,7 +123,7 @@ class Show {
   Status set_up() {
     const SceneMetadata& scene = playback_.player().timeline().metadata();
     if (!settings_.camera && scene.start_camera) {
-      STGS_ASSIGN(settings_.camera, camera_of(*scene.start_camera, settings_.playback.file));
+      STGS_ASSIGN(settings_.camera, camera_of(*scene.start_camera, file()));
     }
     if (!settings_.camera) settings_.camera = overview(scene);
     camera_.emplace(*settings_.camera, scene);
@@ -144,12 +150,13 @@ class Show {
       moved_ = dragged || flown;
       if (overlay_) draw_overlay(playback_, facts(now));
     } else {
-      draw_opening(settings_.playback.file);
+      draw_opening(file());
     }
     ImGui::Render();
     const Size size = window_->picture_size();
     STGS_ASSIGN(const auto next, screen_->begin(size));
     if (!next) {
+      follows_ = false;
       window_->look(kIdle);
       return {};
     }
@@ -158,7 +165,6 @@ class Show {
   }
 
   OverlayFacts facts(double now) {
-    rate_.add(now);
     OverlayFacts facts;
     facts.device = report_.device;
     facts.size = report_.size;
@@ -180,26 +186,54 @@ class Show {
     player::VulkanSubmission to;
     to.targets = {{next.image, {}}};
     to.wait = {{next.free, 0}};
-    complete_ = playback_.is_complete();
+    settled_ = playback_.is_settled();
     STGS_ASSIGN(number_, renderer_->submit(timeline, report_.seconds, {view}, to));
     STGS_ASSIGN(frame_, renderer_->last_ended());
-    ++report_.pictures;
+    count_picture();
     return {};
+  }
+
+  // Pictures follow each other at once but where nothing changes, or the window is not shown.
+  void count_picture() {
+    if (follows_) {
+      report_.busy += last_ - drawn_;
+      ++report_.following;
+    }
+    drawn_ = last_;
+    follows_ = true;
+    rate_.add(last_);
+    ++report_.pictures;
   }
 
   // Shows the picture, and keeps it where it is asked for.
   Status finish() {
-    const bool at_end = !settings_.screenshot.empty() && complete_ &&
+    const bool at_end = !settings_.screenshot.empty() && settled_ &&
                         report_.pictures >= static_cast<std::uint64_t>(settings_.after);
+    if (save_ && is_open_ && !screen_->can_copy()) {
+      give_up_screenshot("the pictures of this window cannot be copied");
+    }
     const bool keep = is_open_ && (at_end || (save_ && !saving_.valid()));
     encoder::Image8 shown;
     STGS_TRY(screen_->end(*ImGui::GetDrawData(), is_open_, keep ? &shown : nullptr));
     if (!keep) return {};
     STGS_ASSIGN(frame_, renderer_->last_ended());
-    // One that lacks splats is drawn again, with the room that it needed.
-    if (frame_.number != number_ || !frame_.whole) return {};
+    // One that lacks splats is drawn again, with the room that it needed, where there is as much.
+    if (frame_.number != number_) return {};
+    if (!frame_.whole) {
+      if (++cut_ < kMostTries) return {};
+      constexpr const char* kWhy = "the splats touch more tiles than the device can list";
+      if (at_end) return runtime_error("{}: {}", moment_name(file(), report_.seconds), kWhy);
+      give_up_screenshot(kWhy);
+      return {};
+    }
+    cut_ = 0;
     if (at_end) {
       done_ = true;
+      if (!playback_.is_whole()) {
+        session_.log(1, fmt::format("{}: the screenshot lacks what is damaged, could not be read, "
+                                    "or has no room in --memory",
+                                    moment_name(file(), report_.seconds)));
+      }
       return write_png(settings_.screenshot, shown);
     }
     save_ = false;
@@ -209,6 +243,12 @@ class Show {
       return name;
     });
     return {};
+  }
+
+  void give_up_screenshot(const char* why) {
+    save_ = false;
+    cut_ = 0;
+    playback_.warn(last_, fmt::format("no screenshot: {}", why));
   }
 
   // Tells where a screenshot is, once it is.
@@ -318,8 +358,11 @@ class Show {
   player::VulkanFrame frame_;  // the last one that has ended
   std::uint64_t number_ = 0;   // of the last one that was submitted
   double last_ = now_seconds();
-  bool is_open_ = false, overlay_ = true, save_ = false, complete_ = false, done_ = false;
-  bool moved_ = false;  // the camera, or the viewer is about to
+  bool is_open_ = false, overlay_ = true, save_ = false, settled_ = false, done_ = false;
+  bool follows_ = false;  // the next picture the last, at once
+  double drawn_ = 0;      // the last picture, seconds
+  int cut_ = 0;           // tries at a screenshot that lacked splats
+  bool moved_ = false;    // the camera, or the viewer is about to
   std::future<Result<std::string>> saving_;
 };
 

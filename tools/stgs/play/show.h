@@ -28,9 +28,10 @@ struct ShowReport {
   std::string device;
   Size size;
   std::uint64_t pictures = 0, stalls = 0;
-  double wall = 0;         // seconds
-  double seconds = 0;      // the moment of the last picture
-  encoder::Camera camera;  // of the last picture
+  std::uint64_t following = 0;  // of the pictures: at once after another
+  double busy = 0;              // seconds from those to these
+  double seconds = 0;           // the moment of the last picture
+  encoder::Camera camera;       // of the last picture
 };
 
 // On the main thread. kUnsupported without a display or a Vulkan device that shows windows; errors

@@ -21,6 +21,12 @@ void on_error(int, const char* text) {
   last_error() = text;
 }
 
+// Whether a key that is held acts again and again.
+bool repeats(int key) {
+  return key == GLFW_KEY_LEFT || key == GLFW_KEY_RIGHT || key == GLFW_KEY_UP ||
+         key == GLFW_KEY_DOWN;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size) {
@@ -40,7 +46,7 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
     return unsupported("no window can be shown here ({})", last_error());
   glfwSetWindowUserPointer(made->window_, made.get());
   glfwSetKeyCallback(made->window_, [](GLFWwindow* window, int key, int, int action, int mods) {
-    if (action == GLFW_RELEASE) return;
+    if (action == GLFW_RELEASE || (action == GLFW_REPEAT && !repeats(key))) return;
     static_cast<Window*>(glfwGetWindowUserPointer(window))
         ->keys_.push_back({key, (mods & GLFW_MOD_SHIFT) != 0});
   });

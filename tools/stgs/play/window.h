@@ -32,7 +32,7 @@ class Window {
   bool closing() const;
   void close();
   Size picture_size() const;  // pixels; 0x0 where nothing of it is shown
-  // Keys that went down, or repeat, since the last call.
+  // Keys that went down since the last call, and arrows that are held and repeat.
   std::vector<KeyPress> take_keys();
   bool is_down(int key) const;
 

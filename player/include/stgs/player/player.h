@@ -103,6 +103,9 @@ class Player {
   // then their harmonics.
   virtual int layers() const = 0;
   virtual int layers_of_file() const = 0;
+  // Whether nothing more of the moment is coming: what layers() lacks of it is damaged, was lost
+  // and is yet to be tried again, or has no room in the memory budget.
+  virtual bool settled() const = 0;
   // Where play does not have to wait.
   virtual std::vector<TimeRange> buffered() const = 0;
   virtual StreamStatistics statistics() const = 0;
