@@ -13,8 +13,10 @@ class Display:
     def __enter__(self):
         self.folder = tempfile.TemporaryDirectory(prefix="stgs-display-")
         read, write = os.pipe()
+        # Without a reset when the last program leaves: it would meet the next one that comes.
         self.server = subprocess.Popen(
-            ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1000x24", "-nolisten", "tcp"],
+            ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1000x24", "-nolisten", "tcp",
+             "-noreset"],
             pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(write)
         with os.fdopen(read) as number:
