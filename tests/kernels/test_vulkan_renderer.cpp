@@ -3,12 +3,14 @@
 // its variant keeps to shared memory and to small blocks of segments. Exit code 77: there is no
 // device.
 #define CATCH_CONFIG_RUNNER
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdio>
 #include <string>
 #include <vector>
 
 #include "renderer_under_test.h"
+#include "scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
 
 namespace stgs::testing {
@@ -33,6 +35,33 @@ player::VulkanSettings settings_of(const UnderTest& under_test) {
 
 Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTest& settings) {
   return player::make_vulkan_renderer(settings_of(settings));
+}
+
+TEST_CASE("after a frame for which there is no room others are drawn as before") {
+  player::VulkanSettings settings = settings_of({});
+  settings.range_bytes = 500'000;
+  auto renderer = player::make_vulkan_renderer(settings);
+  REQUIRE(renderer.ok());
+  Scene scene = random_scene(10'000, 0, 60, 77);
+  std::fill(scene.gaussians.sigma.begin(), scene.gaussians.sigma.end(), 1000.0f);
+  auto bytes = encode_scene(scene, WriteSettings{});
+  REQUIRE(bytes.ok());
+  auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+  REQUIRE(reader.ok());
+  const auto timeline = player::Timeline::over(std::move(*reader), "the scene");
+  player::View view{};
+  view.camera =
+      math::PinholeCamera{{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 3}, 90, 90, 50, 40, 100, 80, 0.1f};
+  std::vector<player::Frame> before, after;
+  REQUIRE((*renderer)->render(*timeline, 1.0, {view}, before, nullptr).ok());
+  const std::vector<player::View> many(player::kMaxViews, view);
+  for (int k = 0; k < 2; ++k) {
+    const Status refused = (*renderer)->draw(*timeline, 1.0, many, nullptr);
+    INFO(refused.message());
+    CHECK(refused.code() == StatusCode::kUnsupported);
+  }
+  REQUIRE((*renderer)->render(*timeline, 1.0, {view}, after, nullptr).ok());
+  CHECK(before[0].colour.data == after[0].colour.data);
 }
 
 // Fails each case whose commands the layer has something to say about.

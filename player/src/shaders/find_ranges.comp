@@ -13,6 +13,7 @@ void main() {
   uint i = group_number() * kGroup + gl_LocalInvocationIndex, n = work[push.work].w;
   if (i >= n) return;
   uint tile = keys[i];
+  if (tile >= tile_ranges.length()) return;
   if (i == 0u || keys[i - 1u] != tile) tile_ranges[tile].x = i;
   if (i + 1u == n || keys[i + 1u] != tile) tile_ranges[tile].y = i + 1u;
 }

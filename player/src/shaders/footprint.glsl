@@ -21,25 +21,27 @@ Footprint footprint_of(uint splat) {
   vec4 a = splat_a[splat], b = splat_b[splat];
   uint v = splat / (frame.chunks * kGroup);
   vec2 extent = b.zw;
-  Footprint f;
+  // The same bits wherever it is asked: tiles are counted first and listed later.
+  precise Footprint f;
   f.x = a.x;
   f.y = a.y;
   f.per_height = 1.0f / max(extent.y, 1e-4f);
   // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
-  float limit = max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
+  precise float limit =
+      max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
   f.width = sqrt(limit / -a.z);
   f.slope = -0.5f * a.w / a.z * max(extent.y, 1e-4f);
-  float ratio = f.slope / f.width;
+  precise float ratio = f.slope / f.width;
   f.top = ratio * inversesqrt(1.0f + ratio * ratio);
   if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
   f.slack = 1e-3f + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
-  float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
+  precise float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
   f.tiles_x = frame.view[v].tiles_x;
   f.first_tile = frame.view[v].first_tile;
   f.last_pixel = float(frame.view[v].height) - 0.5f;
   float count = float(frame.view[v].tiles_y);
-  float first = ceil((f.y - extent.y - slack - (tile - 0.5f)) / tile);
-  float last = floor((f.y + extent.y + slack - 0.5f) / tile);
+  precise float first = ceil((f.y - extent.y - slack - (tile - 0.5f)) / tile);
+  precise float last = floor((f.y + extent.y + slack - 0.5f) / tile);
   f.row = int(clamp(first, 0.0f, count));
   f.rows = max(int(clamp(last, -1.0f, count - 1.0f)) - f.row + 1, 0);
   return f;
@@ -50,14 +52,14 @@ ivec2 span_of(Footprint f, int row) {
   const float tile = float(kTilePixels);
   float top = float(row) * tile + 0.5f;
   float bottom = min(top + (tile - 1.0f), f.last_pixel);
-  float low = clamp((top - f.y) * f.per_height, -1.0f, 1.0f);
-  float high = clamp((bottom - f.y) * f.per_height, -1.0f, 1.0f);
+  precise float low = clamp((top - f.y) * f.per_height, -1.0f, 1.0f);
+  precise float high = clamp((bottom - f.y) * f.per_height, -1.0f, 1.0f);
   float at_right = clamp(f.top, low, high), at_left = clamp(-f.top, low, high);
   // 1e-6 for the rounding of v, which counts most near the ends.
-  float right = f.x + f.slope * at_right +
-                f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
-  float left = f.x + f.slope * at_left -
-               f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
+  precise float right = f.x + f.slope * at_right +
+                        f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
+  precise float left = f.x + f.slope * at_left -
+                       f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
   float count = float(f.tiles_x);
   int first = int(clamp(ceil((left - (tile - 0.5f)) / tile), 0.0f, count));
   int last = int(clamp(floor((right - 0.5f) / tile), -1.0f, count - 1.0f));

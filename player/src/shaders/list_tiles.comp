@@ -23,7 +23,7 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
 // Rows of tiles that an invocation goes through alone; a splat with more is the workgroup's.
 const int kAlone = 8;
 // Instances of a workgroup that go through shared memory, from where they are written side by side.
-const uint kStage = 4096u;
+const uint kStage = 3072u;
 
 shared uint stage[kStage];  // tile, and the splat's invocation in the lower eight bits
 shared uint splats[kGroup];
@@ -40,8 +40,10 @@ void write_instance(uint to, uint tile, uint splat) {
   values[to] = splat;
 }
 
-// An instance of the splat of invocation `of`; `first` is the workgroup's first place.
-void put(bool staged, uint first, uint to, uint tile, uint of) {
+// An instance of the splat of invocation `of`; `first` is the workgroup's first place, `end` the
+// next one's: were more tiles found than were counted, they would be left out.
+void put(bool staged, uint first, uint end, uint to, uint tile, uint of) {
+  if (to >= end) return;
   if (staged) {
     stage[to - first] = tile << 8u | of;
   } else {
@@ -59,6 +61,9 @@ void main() {
   // Sums that stopped at the most that is counted say nothing of what lies between them.
   bool staged = end - first <= kStage && end < kManyInstances;
   if (thread == 0u) large_count = 0u;
+  // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
+  // drawn.
+  for (uint k = thread; staged && k < end - first; k += kGroup) stage[k] = 0u;
   barrier();
   if (rank < visible) {
     uint splat = order[rank];
@@ -71,7 +76,8 @@ void main() {
       for (int r = 0; r < f.rows; ++r) {
         ivec2 span = span_of(f, f.row + r);
         uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
-        for (uint k = 0u; k < uint(span.y); ++k, ++to) put(staged, first, to, tile + k, thread);
+        for (uint k = 0u; k < uint(span.y); ++k, ++to)
+          put(staged, first, end, to, tile + k, thread);
       }
     }
   }
@@ -83,7 +89,7 @@ void main() {
       ivec2 span = span_of(f, f.row + r);
       uint tile = f.first_tile + uint((f.row + r) * f.tiles_x + span.x);
       for (uint k = thread; k < uint(span.y); k += kGroup) {
-        put(staged, first, to + k, tile + k, owner);
+        put(staged, first, end, to + k, tile + k, owner);
       }
       to += uint(span.y);
     }

@@ -14,6 +14,7 @@ namespace {
 constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
+constexpr std::uint32_t kBallotSharedBytes = 18432;  // of sort_scatter.comp with 16 lanes
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 
 // volk's functions of instances are the process's: for making devices alone, one after the other.
@@ -62,6 +63,27 @@ std::string lacking(VkPhysicalDevice device) {
     return fmt::format("{} storage buffers a stage", kStorageBuffers);
   }
   return {};
+}
+
+// The size of the device's subgroups where all have one, else 0. Without that promise, the
+// invocations of a workgroup may be in more subgroups than their size tells.
+std::uint32_t fixed_subgroups(VkPhysicalDevice device) {
+  std::uint32_t count = 0;
+  vkEnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr);
+  std::vector<VkExtensionProperties> extensions(count);
+  vkEnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data());
+  const bool told =
+      std::any_of(extensions.begin(), extensions.end(), [](const VkExtensionProperties& one) {
+        return std::strcmp(one.extensionName, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME) == 0;
+      });
+  if (!told) return 0;
+  auto sizes = structure<VkPhysicalDeviceSubgroupSizeControlProperties>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_PROPERTIES);
+  auto properties =
+      structure<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2);
+  properties.pNext = &sizes;
+  vkGetPhysicalDeviceProperties2(device, &properties);
+  return sizes.minSubgroupSize == sizes.maxSubgroupSize ? sizes.minSubgroupSize : 0;
 }
 
 bool computes(const VkQueueFamilyProperties& family) {
@@ -277,10 +299,13 @@ void Device::learn_limits() {
   const VkPhysicalDeviceLimits& limits = properties.properties.limits;
   most_range_ =
       std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
+  if (settings_.range_bytes > 0) most_range_ = std::min(most_range_, settings_.range_bytes);
+  const std::uint32_t lanes = fixed_subgroups(context_.physical_device);
   const bool ballot = (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) != 0 &&
                       (subgroups.supportedOperations & VK_SUBGROUP_FEATURE_BALLOT_BIT) != 0 &&
-                      (subgroups.subgroupSize == 16 || subgroups.subgroupSize == 32);
-  ballot_lanes_ = ballot && settings_.ballot ? subgroups.subgroupSize : 0;
+                      (lanes == 16 || lanes == 32) &&
+                      limits.maxComputeSharedMemorySize >= kBallotSharedBytes;
+  ballot_lanes_ = ballot && settings_.ballot ? lanes : 0;
   const std::uint32_t bits =
       families_of(context_.physical_device)[context_.queue_family].timestampValidBits;
   if (bits == 0) return;

@@ -40,7 +40,11 @@ struct FrameBuffers {
   // Makes room. kUnsupported where the device's storage buffers are too small for it, kRuntime
   // where it has no memory left.
   Status ensure(const Device& device, const FrameNeed& need);
-  std::uint64_t instance_capacity() const { return tile_keys[0].bytes() / sizeof(std::uint32_t); }
+  std::uint64_t instance_capacity() const {
+    return std::min({tile_keys[0].bytes(), tile_keys[1].bytes(), tile_splats[0].bytes(),
+                     tile_splats[1].bytes()}) /
+           sizeof(std::uint32_t);
+  }
   // Instances that there can be room for.
   static std::uint64_t most_instances(const Device& device);
 

@@ -213,7 +213,7 @@ class ComputeRenderer final : public VulkanRenderer {
     }
     if (bytes <= buffer.bytes()) return {};
     STGS_TRY(wait());
-    return buffer.ensure(device_, bytes, Place::kDevice);
+    return buffer.ensure(device_, bytes, Place::kDevice, device_.most_range() / 16 * 16);
   }
 
   // For the pictures, in planes where `to` is null, and for what they are drawn with.
@@ -240,8 +240,13 @@ class ComputeRenderer final : public VulkanRenderer {
     need.instances = std::min(wanted_instances_, FrameBuffers::most_instances(device_));
     if (need.fits(room_)) return {};
     STGS_TRY(wait());
-    room_ = need.with(room_);
-    return buffers_.ensure(device_, room_);
+    const FrameNeed wanted = need.with(room_);
+    room_ = {};  // while it changes, and where it does not come to an end
+    const Status made = buffers_.ensure(device_, wanted);
+    if (made.ok()) room_ = wanted;
+    if (!made.ok())
+      wanted_instances_ = 0;  // what is too much for this frame need not be for others
+    return made;
   }
 
   PictureBuffers buffers_of(const Picture& picture, const VulkanTarget* to) const {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Vulkan backend: segments are decoded by the processor and kept on the device; a view is one
+// The Vulkan backend: segments are decoded by the processor and kept on the device; a frame is one
 // command buffer of compute shaders that the host does not look into before its end.
 #pragma once
 
@@ -19,6 +19,7 @@ struct VulkanSettings {
   std::uint64_t instances = 0;    // room for splats in tiles to begin with; 0: by the primitives
   bool ballot = true;             // the shaders for subgroups of 16 or 32 where there are such
   std::uint64_t block_bytes = 0;  // of a block of segments; 0: as the device allows
+  std::uint64_t range_bytes = 0;  // that storage buffers have at most; 0: as the device allows
   // Where set, the validation layer runs, if it is installed, and tells its messages here. Of a
   // device of the renderer's own.
   std::function<void(const std::string&)> on_message;
