@@ -87,9 +87,9 @@ class VulkanRenderer : public Renderer {
 
   // Draws 1 to kMaxViews views of a moment into the images of `to` and gives the frame's number,
   // from 1 on, without waiting for it and without bringing pictures to the host: read() has none
-  // afterwards. It does wait for earlier frames where there are kFramesOnTheWay, where buffers grow,
-  // and where much is sent first: what their semaphores wait for must be signalled without this
-  // thread. Images and semaphores are the caller's and must last until the frame has ended.
+  // afterwards. It does wait for earlier frames where there are kFramesOnTheWay, where buffers
+  // grow, and where much is sent first: what their semaphores wait for must be signalled without
+  // this thread. Images and semaphores are the caller's and must last until the frame has ended.
   // Errors: those of draw(), of a target or a semaphore (kUsage), and what the device cannot do
   // (kUnsupported); then nothing is submitted: no semaphore is waited for or signalled.
   virtual Result<std::uint64_t> submit(Timeline& timeline, double seconds,
