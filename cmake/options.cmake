@@ -140,7 +140,12 @@ if(NOT STGS_WITH_CUDA STREQUAL "OFF")
       set(CMAKE_CUDA20_EXTENSION_COMPILE_OPTION -std=c++20)
     endif()
     set(CMAKE_CUDA_STANDARD 20)
+    # As Debian 12 has it, CMake 3.25 deprecates a target here that CUDA 13 has no more, and fails;
+    # not for projects that ask for less than 3.25.
+    set(asked ${CMAKE_MINIMUM_REQUIRED_VERSION})
+    set(CMAKE_MINIMUM_REQUIRED_VERSION 3.24)
     find_package(CUDAToolkit QUIET)
+    set(CMAKE_MINIMUM_REQUIRED_VERSION ${asked})
   endif()
 endif()
 stgs_resolve(CUDA CUDAToolkit_FOUND "training with CUDA and the CUDA tests")
