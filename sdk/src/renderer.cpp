@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "stgs/player/renderer.h"
+#include "renderer.h"
 
 #include <cmath>
 #include <new>
@@ -11,14 +11,6 @@
 
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
-
-struct stgs_renderer {
-  stgs::sdk::LastError error;
-  stgs::sdk::Log log;
-  std::unique_ptr<stgs::player::Renderer> backend;
-  std::vector<stgs::player::View> views;
-  std::vector<stgs::player::Frame> frames;
-};
 
 namespace {
 
@@ -45,15 +37,8 @@ Outcome make_backend(stgs_renderer& renderer, stgs_backend backend) {
 
 Outcome check_call(const stgs_scene* scene, double seconds, const stgs_view* views,
                    const stgs_picture* pictures, std::uint32_t count) {
-  if (scene == nullptr) return {STGS_ERROR_ARGUMENT, "scene is NULL"};
-  STGS_SDK_TRY(scene->check_open());
-  if (!std::isfinite(seconds)) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
-  }
-  if (count < 1 || count > STGS_MAX_VIEWS) {
-    return {STGS_ERROR_ARGUMENT,
-            fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
-  }
+  STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
+  STGS_SDK_TRY(stgs::sdk::check_view_count(count));
   if (views == nullptr || pictures == nullptr) {
     return {STGS_ERROR_ARGUMENT, "views or pictures are NULL"};
   }
@@ -66,6 +51,49 @@ Outcome check_call(const stgs_scene* scene, double seconds, const stgs_view* vie
 
 }  // namespace
 
+namespace stgs::sdk {
+
+stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_renderer** out,
+                            const std::function<Outcome(stgs_renderer&, stgs_backend)>& make) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  *out = nullptr;
+  const stgs_renderer_settings defaults = default_settings();
+  if (settings == nullptr) settings = &defaults;
+  if (const stgs_result bad = check_struct(settings); bad != STGS_OK) return bad;
+  std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
+  if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
+  renderer->log = {settings->log, settings->log_user};
+  const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
+    Outcome made = make(*renderer, settings->backend);
+    if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
+    return made;
+  });
+  if (result == STGS_OK) *out = renderer.release();
+  return result;
+}
+
+Outcome check_moment(const stgs_scene* scene, double seconds) {
+  if (scene == nullptr) return {STGS_ERROR_ARGUMENT, "scene is NULL"};
+  STGS_SDK_TRY(scene->check_open());
+  if (!std::isfinite(seconds)) {
+    return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
+  }
+  return {};
+}
+
+Outcome check_view_count(std::uint32_t count) {
+  if (count >= 1 && count <= STGS_MAX_VIEWS) return {};
+  return {STGS_ERROR_ARGUMENT,
+          fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
+}
+
+void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
+  renderer.views.clear();
+  for (std::uint32_t i = 0; i < count; ++i) renderer.views.push_back(view_of(views[i]));
+}
+
+}  // namespace stgs::sdk
+
 extern "C" {
 
 stgs_result stgs_renderer_settings_defaults(stgs_renderer_settings* settings, size_t struct_size) {
@@ -73,21 +101,7 @@ stgs_result stgs_renderer_settings_defaults(stgs_renderer_settings* settings, si
 }
 
 stgs_result stgs_renderer_create(const stgs_renderer_settings* settings, stgs_renderer** out) {
-  if (out == nullptr) return STGS_ERROR_ARGUMENT;
-  *out = nullptr;
-  const stgs_renderer_settings defaults = default_settings();
-  if (settings == nullptr) settings = &defaults;
-  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
-  std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
-  if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
-  renderer->log = {settings->log, settings->log_user};
-  const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
-    Outcome made = make_backend(*renderer, settings->backend);
-    if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
-    return made;
-  });
-  if (result == STGS_OK) *out = renderer.release();
-  return result;
+  return stgs::sdk::create_renderer(settings, out, make_backend);
 }
 
 void stgs_renderer_destroy(stgs_renderer* renderer) {
@@ -114,10 +128,7 @@ stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double secon
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_call(scene, seconds, views, pictures, count));
     STGS_SDK_TRY(scene->check_memory(seconds));
-    renderer->views.clear();
-    for (std::uint32_t i = 0; i < count; ++i) {
-      renderer->views.push_back(stgs::sdk::view_of(views[i]));
-    }
+    stgs::sdk::take_views(*renderer, views, count);
     const stgs::Status drawn = renderer->backend->render(*scene->timeline, seconds, renderer->views,
                                                          renderer->frames, nullptr);
     scene->tell_losses();

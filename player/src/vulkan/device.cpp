@@ -65,18 +65,20 @@ std::string lacking(VkPhysicalDevice device) {
   return {};
 }
 
-// The size of the device's subgroups where all have one, else 0. Without that promise, the
-// invocations of a workgroup may be in more subgroups than their size tells.
-std::uint32_t fixed_subgroups(VkPhysicalDevice device) {
+bool has_extension(VkPhysicalDevice device, const char* name) {
   std::uint32_t count = 0;
   vkEnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr);
   std::vector<VkExtensionProperties> extensions(count);
   vkEnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data());
-  const bool told =
-      std::any_of(extensions.begin(), extensions.end(), [](const VkExtensionProperties& one) {
-        return std::strcmp(one.extensionName, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME) == 0;
-      });
-  if (!told) return 0;
+  return std::any_of(extensions.begin(), extensions.end(), [=](const VkExtensionProperties& one) {
+    return std::strcmp(one.extensionName, name) == 0;
+  });
+}
+
+// The size of the device's subgroups where all have one, else 0. Without that promise, the
+// invocations of a workgroup may be in more subgroups than their size tells.
+std::uint32_t fixed_subgroups(VkPhysicalDevice device) {
+  if (!has_extension(device, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME)) return 0;
   auto sizes = structure<VkPhysicalDeviceSubgroupSizeControlProperties>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_PROPERTIES);
   auto properties =
@@ -96,6 +98,39 @@ int family_of(VkPhysicalDevice device) {
   const auto families = families_of(device);
   const auto found = std::find_if(families.begin(), families.end(), computes);
   return found == families.end() ? -1 : static_cast<int>(found - families.begin());
+}
+
+// volk's functions of an instance of the caller's.
+Status load_instance(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
+                     std::uint32_t api_version) {
+  if (api_version < VK_API_VERSION_1_1) {
+    return unsupported(
+        "the Vulkan instance is of version {}.{}; it must be made for 1.1 at least "
+        "(VkApplicationInfo::apiVersion)",
+        VK_API_VERSION_MAJOR(api_version), VK_API_VERSION_MINOR(api_version));
+  }
+  if (get_instance_proc_addr != nullptr) {
+    volkInitializeCustom(get_instance_proc_addr);
+  } else if (volkInitialize() != VK_SUCCESS) {
+    return unsupported("there is no Vulkan loader (libvulkan.so.1)");
+  }
+  volkLoadInstanceOnly(instance);
+  return {};
+}
+
+// Whether a device can be made with timeline semaphores.
+bool offers_timeline_semaphores(VkPhysicalDevice device, std::uint32_t api_version) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  const bool core = std::min(api_version, properties.apiVersion) >= VK_API_VERSION_1_2;
+  if (!core && !has_extension(device, VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME)) return false;
+  auto timeline = structure<VkPhysicalDeviceTimelineSemaphoreFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES);
+  auto features =
+      structure<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
+  features.pNext = &timeline;
+  vkGetPhysicalDeviceFeatures2(device, &features);
+  return timeline.timelineSemaphore == VK_TRUE;
 }
 
 // Whether a device was made so that it has timeline semaphores.
@@ -161,22 +196,11 @@ Status Device::borrow(const VulkanDevice& lent) {
     return usage_error(
         "a Vulkan device to draw with needs its instance, physical device, device and queue");
   }
-  if (lent.api_version < VK_API_VERSION_1_1) {
-    return unsupported(
-        "the Vulkan instance is of version {}.{}; it must be made for 1.1 at least "
-        "(VkApplicationInfo::apiVersion)",
-        VK_API_VERSION_MAJOR(lent.api_version), VK_API_VERSION_MINOR(lent.api_version));
-  }
   if (static_cast<bool>(lent.lock_queue) != static_cast<bool>(lent.unlock_queue)) {
     return usage_error("a Vulkan queue that is locked must be unlocked: give both functions");
   }
   const std::lock_guard lock(volk_in_use);
-  if (lent.get_instance_proc_addr != nullptr) {
-    volkInitializeCustom(lent.get_instance_proc_addr);
-  } else if (volkInitialize() != VK_SUCCESS) {
-    return unsupported("there is no Vulkan loader (libvulkan.so.1)");
-  }
-  volkLoadInstanceOnly(lent.instance);
+  STGS_TRY(load_instance(lent.get_instance_proc_addr, lent.instance, lent.api_version));
   if (const std::string lacks = lacking(lent.physical_device); !lacks.empty()) {
     return unsupported("the Vulkan device cannot draw: it has no {}", lacks);
   }
@@ -381,3 +405,20 @@ VkFormatFeatureFlags Device::features_of(VkFormat format) const {
 }
 
 }  // namespace stgs::player::vulkan
+
+namespace stgs::player {
+
+Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
+                                     VkInstance instance, std::uint32_t api_version,
+                                     VkPhysicalDevice physical_device) {
+  if (instance == VK_NULL_HANDLE || physical_device == VK_NULL_HANDLE) {
+    return usage_error(
+        "what a Vulkan device can do is asked with its instance and physical device");
+  }
+  const std::lock_guard lock(vulkan::volk_in_use);
+  STGS_TRY(vulkan::load_instance(get_instance_proc_addr, instance, api_version));
+  return VulkanSupport{vulkan::lacking(physical_device),
+                       vulkan::offers_timeline_semaphores(physical_device, api_version)};
+}
+
+}  // namespace stgs::player

@@ -102,6 +102,17 @@ class VulkanRenderer : public Renderer {
   virtual Status wait() = 0;
 };
 
+// What a physical device is good for, before a device of it is made.
+struct VulkanSupport {
+  std::string lacks;  // what it cannot be drawn with for; empty: nothing
+  bool timeline_semaphores = false;
+};
+// `get_instance_proc_addr` and `api_version` as in VulkanDevice. kUsage where a handle is missing,
+// kUnsupported where there is no loader or the instance is of Vulkan 1.0.
+Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
+                                     VkInstance instance, std::uint32_t api_version,
+                                     VkPhysicalDevice physical_device);
+
 // kUsage where a handle is missing or the family does not exist; kUnsupported where the device
 // cannot draw, with what it lacks.
 Result<std::unique_ptr<VulkanRenderer>> make_vulkan_renderer(const VulkanDevice& device);

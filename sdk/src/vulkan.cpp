@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+// Drawing on a Vulkan device of the caller's: stgs/stgs_vulkan.h.
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+#include "renderer.h"
+#include "scene.h"
+#include "stgs/player/vulkan_renderer.h"
+#include "stgs/stgs_vulkan.h"
+#include "view.h"
+
+static_assert(STGS_VULKAN_FRAMES_ON_THE_WAY == stgs::player::VulkanRenderer::kFramesOnTheWay);
+
+using stgs::sdk::check_struct;
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+stgs_vulkan_target default_target() {
+  stgs_vulkan_target target{};
+  target.colour.final_layout = target.depth.final_layout = VK_IMAGE_LAYOUT_GENERAL;
+  return target;
+}
+
+// The device as the player takes it, with what it was made with; `made` outlives its use.
+struct MadeWith {
+  VkPhysicalDeviceTimelineSemaphoreFeatures timeline{};
+  VkPhysicalDeviceFeatures2 features{};
+};
+stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& made) {
+  made.timeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
+  made.timeline.timelineSemaphore = from.timeline_semaphores != 0 ? VK_TRUE : VK_FALSE;
+  made.features.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
+  made.features.pNext = &made.timeline;
+  stgs::player::VulkanDevice device;
+  device.get_instance_proc_addr = from.get_instance_proc_addr;
+  device.instance = from.instance;
+  device.api_version = from.api_version;
+  device.physical_device = from.physical_device;
+  device.device = from.device;
+  device.features = &made.features;
+  // Of the core from 1.2 on, where nobody looks for it.
+  if (from.timeline_semaphores != 0) {
+    device.extensions = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
+  }
+  device.queue_family = from.queue_family;
+  device.queue = from.queue;
+  const auto calling = [user = from.queue_user](void (*function)(void*)) -> std::function<void()> {
+    if (function == nullptr) return {};
+    return [=] { function(user); };
+  };
+  device.lock_queue = calling(from.lock_queue);
+  device.unlock_queue = calling(from.unlock_queue);
+  return device;
+}
+
+Outcome make_on_device(stgs_renderer& renderer, stgs_backend backend,
+                       const stgs_vulkan_device* device) {
+  STGS_SDK_TRY(check_struct(device, "device"));
+  if (backend != STGS_BACKEND_AUTO && backend != STGS_BACKEND_VULKAN) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("backend {} does not draw on a Vulkan device", backend)};
+  }
+  MadeWith made_with;
+  auto made = stgs::player::make_vulkan_renderer(device_of(*device, made_with));
+  if (!made.ok()) return made.status();
+  renderer.vulkan = made->get();
+  renderer.backend = std::move(made).value();
+  return {};
+}
+
+Outcome check_vulkan(const stgs_renderer& renderer) {
+  if (renderer.vulkan != nullptr) return {};
+  return {STGS_ERROR_ARGUMENT,
+          "the renderer has no Vulkan device of the application's: make it with "
+          "stgs_vulkan_renderer_create"};
+}
+
+Outcome check_frame(const stgs_vulkan_frame* frame) {
+  STGS_SDK_TRY(check_struct(frame, "frame"));
+  STGS_SDK_TRY(stgs::sdk::check_view_count(frame->count));
+  if (frame->views == nullptr || frame->targets == nullptr) {
+    return {STGS_ERROR_ARGUMENT, "views or targets are NULL"};
+  }
+  if ((frame->wait == nullptr && frame->wait_count > 0) ||
+      (frame->signal == nullptr && frame->signal_count > 0)) {
+    return {STGS_ERROR_ARGUMENT, "wait or signal is NULL, with semaphores in it"};
+  }
+  for (std::uint32_t i = 0; i < frame->count; ++i) {
+    STGS_SDK_TRY(stgs::sdk::check_view(frame->views[i]));
+    STGS_SDK_TRY(check_struct(&frame->targets[i], "target"));
+  }
+  return {};
+}
+
+stgs::player::VulkanImage image_of(const stgs_vulkan_image& from) {
+  return {from.image, from.format, from.width,          from.height,
+          from.level, from.layer,  from.initial_layout, from.final_layout};
+}
+
+std::vector<stgs::player::VulkanSemaphore> semaphores_of(const stgs_vulkan_semaphore* from,
+                                                         std::uint32_t count) {
+  std::vector<stgs::player::VulkanSemaphore> out;
+  for (std::uint32_t i = 0; i < count; ++i) out.push_back({from[i].semaphore, from[i].value});
+  return out;
+}
+
+stgs::player::VulkanSubmission submission_of(const stgs_vulkan_frame& frame) {
+  stgs::player::VulkanSubmission to;
+  for (std::uint32_t i = 0; i < frame.count; ++i) {
+    const stgs_vulkan_target& target = frame.targets[i];
+    stgs::player::VulkanTarget out;
+    out.colour = image_of(target.colour);
+    if (target.depth.image != VK_NULL_HANDLE) out.depth = image_of(target.depth);
+    to.targets.push_back(out);
+  }
+  to.wait = semaphores_of(frame.wait, frame.wait_count);
+  to.signal = semaphores_of(frame.signal, frame.signal_count);
+  return to;
+}
+
+}  // namespace
+
+extern "C" {
+
+stgs_result stgs_vulkan_device_defaults(stgs_vulkan_device* device, size_t struct_size) {
+  return stgs::sdk::put_defaults(device, struct_size, stgs_vulkan_device{});
+}
+
+stgs_result stgs_vulkan_target_defaults(stgs_vulkan_target* target, size_t struct_size) {
+  return stgs::sdk::put_defaults(target, struct_size, default_target());
+}
+
+stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t struct_size) {
+  return stgs::sdk::put_defaults(frame, struct_size, stgs_vulkan_frame{});
+}
+
+stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
+                                    stgs_vulkan_support* support) {
+  if (const stgs_result bad = check_struct(device); bad != STGS_OK) return bad;
+  if (const stgs_result bad = check_struct(support); bad != STGS_OK) return bad;
+  try {
+    const auto found =
+        stgs::player::vulkan_support(device->get_instance_proc_addr, device->instance,
+                                     device->api_version, device->physical_device);
+    if (!found.ok()) return Outcome(found.status()).result;
+    stgs_vulkan_support out{};
+    out.struct_size = sizeof(out);
+    out.can_draw = found->lacks.empty() ? 1 : 0;
+    out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
+    found->lacks.copy(out.lacks, sizeof(out.lacks) - 1);
+    *support = out;
+    return STGS_OK;
+  } catch (const std::bad_alloc&) {
+    return STGS_ERROR_OUT_OF_MEMORY;
+  } catch (...) {
+    return STGS_ERROR_RUNTIME;
+  }
+}
+
+stgs_result stgs_vulkan_renderer_create(const stgs_vulkan_device* device,
+                                        const stgs_renderer_settings* settings,
+                                        stgs_renderer** out) {
+  return stgs::sdk::create_renderer(settings, out,
+                                    [=](stgs_renderer& renderer, stgs_backend backend) {
+                                      return make_on_device(renderer, backend, device);
+                                    });
+}
+
+stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, double seconds,
+                               const stgs_vulkan_frame* frame, uint64_t* number) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(check_vulkan(*renderer));
+    STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
+    STGS_SDK_TRY(check_frame(frame));
+    STGS_SDK_TRY(scene->check_memory(seconds));
+    stgs::sdk::take_views(*renderer, frame->views, frame->count);
+    const auto submitted =
+        renderer->vulkan->submit(*scene->timeline, seconds, renderer->views, submission_of(*frame));
+    scene->tell_losses();
+    if (!submitted.ok()) return submitted.status();
+    if (number != nullptr) *number = *submitted;
+    return {};
+  });
+}
+
+stgs_result stgs_vulkan_wait(stgs_renderer* renderer) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(check_vulkan(*renderer));
+    return renderer->vulkan->wait();
+  });
+}
+
+stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progress* progress) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(check_vulkan(*renderer));
+    STGS_SDK_TRY(check_struct(progress, "progress"));
+    const auto ended = renderer->vulkan->last_ended();
+    if (!ended.ok()) return ended.status();
+    stgs_vulkan_progress out{};
+    out.struct_size = sizeof(out);
+    if (ended->number > 0) {
+      out.number = ended->number;
+      out.whole = ended->whole ? 1 : 0;
+      out.primitives_alive = ended->stats.alive;
+      out.splats = ended->stats.drawn;
+      out.prepare_ms = ended->stats.fetch_ms;
+      out.device_ms = ended->stats.device_ms;
+    }
+    *progress = out;
+    return {};
+  });
+}
+
+}  // extern "C"
