@@ -67,6 +67,14 @@ if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
 endif()
 
+# As Debian has it also below /usr/local, so that one build serves an install there and the packages.
+if(NOT DEFINED CMAKE_INSTALL_LIBDIR AND CMAKE_LIBRARY_ARCHITECTURE AND EXISTS /etc/debian_version)
+  set(CMAKE_INSTALL_LIBDIR lib/${CMAKE_LIBRARY_ARCHITECTURE} CACHE PATH "Libraries, from the prefix")
+endif()
+include(GNUInstallDirs)
+# What programs load by themselves.
+set(STGS_INSTALL_MODULEDIR ${CMAKE_INSTALL_LIBDIR}/stgs)
+
 find_package(PkgConfig REQUIRED)
 find_package(Threads REQUIRED)
 find_package(TBB REQUIRED)

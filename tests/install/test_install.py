@@ -9,39 +9,12 @@ import argparse
 import glob
 import os
 import shutil
-import struct
-import subprocess
 import tempfile
 import unittest
-import zlib
+
+from outside import read_ppm, run, write_png
 
 ARGUMENTS = None
-
-
-def run(*command, **options):
-    result = subprocess.run(command, capture_output=True, text=True, check=False, **options)
-    assert result.returncode == 0, f"{command}:\n{result.stdout}\n{result.stderr}"
-    return result.stdout
-
-
-def read_ppm(path):
-    with open(path, "rb") as file:
-        assert file.readline() == b"P6\n"
-        width, height = map(int, file.readline().split())
-        assert file.readline() == b"255\n"
-        pixels = file.read()
-    assert len(pixels) == 3 * width * height
-    return width, height, pixels
-
-
-def write_png(path, width, height, pixels):
-    def chunk(tag, body):
-        return struct.pack(">I", len(body)) + tag + body + struct.pack(">I", zlib.crc32(tag + body))
-    rows = b"".join(b"\0" + pixels[3 * width * y:3 * width * (y + 1)] for y in range(height))
-    with open(path, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n"
-                   + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-                   + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
 class Install(unittest.TestCase):

@@ -21,6 +21,8 @@ namespace stgs::encoder {
 namespace {
 
 constexpr const char* kModule = "stgs_mpi.so";
+// From the program's folder: beside it in a build, in a folder of modules where it is installed.
+constexpr const char* kModuleFolders[] = {".", STGS_MODULE_FOLDER};
 // How long those that have failed wait for the others' last words, and then to be ended.
 constexpr auto kPatience = std::chrono::seconds(10);
 
@@ -220,8 +222,13 @@ Result<std::unique_ptr<World>> World::join() {
   std::error_code error;
   const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
   if (error) return io_error("/proc/self/exe: cannot read: {}", error.message());
+  std::filesystem::path module;
+  for (const char* folder : kModuleFolders) {
+    module = program.parent_path() / folder / kModule;
+    if (std::filesystem::exists(module, error)) break;
+  }
   auto world = std::make_unique<MpiWorld>();
-  STGS_TRY(world->load((program.parent_path() / kModule).string()));
+  STGS_TRY(world->load(module.string()));
   STGS_TRY(world->init(launch));
   return std::unique_ptr<World>(std::move(world));
 }

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+# Debian packages, one a component of the install rules: `cmake --build BUILD && cpack -G DEB` in
+# BUILD. What a package links to becomes its dependencies by dpkg-shlibdeps.
+set(STGS_PACKAGE_MAINTAINER "STGS maintainers <stgs@example.org>" CACHE STRING
+    "Who answers for the Debian packages: NAME <ADDRESS>")
+
+set(packages runtime dev tools)
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
+set(CPACK_DEBIAN_DEV_PACKAGE_NAME libstgs-dev)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME stgs)
+set(CPACK_DEBIAN_MPI_PACKAGE_NAME stgs-mpi)
+if(STGS_HAS_MPI)
+  list(APPEND packages mpi)
+endif()
+
+# The first line of a description is its synopsis; CPack would put the project's before it.
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "")
+set(CPACK_COMPONENT_RUNTIME_DESCRIPTION "player of streaming 4D Gaussian video - library
+Opens .stgs scenes from files, URLs, memory or an application's own source, and
+draws any moment of them from any viewpoint: on the processor, with Vulkan, or
+with CUDA where it was built with it.")
+set(CPACK_COMPONENT_DEV_DESCRIPTION "player of streaming 4D Gaussian video - development files
+Headers in C99, the static library, files for CMake and pkg-config, guides and
+examples for applications that show .stgs scenes.")
+set(CPACK_COMPONENT_TOOLS_DESCRIPTION "streaming 4D Gaussian video - encoder, player, tools
+The program stgs turns synchronised multi-view video into one .stgs file of 4D
+Gaussians, and shows, draws, measures, checks and converts such files.")
+set(CPACK_COMPONENT_MPI_DESCRIPTION "streaming 4D Gaussian video - training with several processes
+What the program stgs loads where mpirun or srun has started it.")
+
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION libs)
+set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION video)
+set(CPACK_DEBIAN_MPI_PACKAGE_SECTION video)
+set(same_version "(= ${PROJECT_VERSION}-1)")
+set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "libstgs0 ${same_version}")
+set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "stgs ${same_version}")
+# What is loaded at run time, or run. A Vulkan driver is a matter of the machine.
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "colmap, ffmpeg, stgs-mpi")
+# What packages of programs that link the library depend on, by dpkg-shlibdeps: before 1.0 it
+# promises nothing to those that were built with another version.
+set(documents ${PROJECT_BINARY_DIR}/packaging)
+file(WRITE ${documents}/shlibs "libstgs 0 libstgs0 ${same_version}\n")
+file(WRITE ${documents}/triggers "activate-noawait ldconfig\n")
+set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_EXTRA ${documents}/shlibs ${documents}/triggers)
+# What a program that links stgs::static links too.
+set(static_needs libfmt-dev libtbb-dev libzstd-dev zlib1g-dev libxxhash-dev libhwy-dev)
+if(STGS_HAS_DRACO)
+  list(APPEND static_needs libdraco-dev)
+endif()
+if(STGS_HAS_SOG)
+  list(APPEND static_needs libwebp-dev libzip-dev)
+endif()
+if(STGS_HAS_HTTP)
+  list(APPEND static_needs libcurl4-openssl-dev)
+endif()
+list(JOIN static_needs ", " CPACK_DEBIAN_DEV_PACKAGE_RECOMMENDS)
+set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "stgs, cmake, pkg-config, libvulkan-dev")
+
+set(CPACK_PACKAGE_NAME stgs)
+set(CPACK_PACKAGE_VENDOR STGS)
+set(CPACK_DEBIAN_PACKAGE_MAINTAINER ${STGS_PACKAGE_MAINTAINER})
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_ALL ${packages})
+set(CPACK_COMPONENTS_GROUPING IGNORE)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
+    OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
+
+# What Debian wants of every package: its licence, and what changed. Libraries of which Debian has
+# headers or archives alone are compiled in: their licences are Debian's own files about them.
+set(compiled_into_runtime libvulkan-volk-dev)
+set(compiled_into_dev libvulkan-volk-dev)
+set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev libeigen3-dev
+    libnanoflann-dev libstb-dev libimgui-dev)
+find_program(GZIP_PROGRAM gzip)
+configure_file(sdk/packaging/copyright.in ${documents}/copyright @ONLY)
+string(TIMESTAMP STGS_PACKAGE_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)
+configure_file(sdk/packaging/changelog.in ${documents}/changelog.Debian @ONLY)
+file(COPY_FILE ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${documents}/changelog)
+if(GZIP_PROGRAM)
+  execute_process(COMMAND ${GZIP_PROGRAM} -9nf changelog changelog.Debian
+                  WORKING_DIRECTORY ${documents} COMMAND_ERROR_IS_FATAL ANY)
+endif()
+foreach(component IN LISTS packages)
+  string(TOUPPER ${component} upper)
+  set(folder ${CMAKE_INSTALL_DATADIR}/doc/${CPACK_DEBIAN_${upper}_PACKAGE_NAME})
+  install(FILES ${documents}/copyright DESTINATION ${folder} COMPONENT ${component})
+  if(GZIP_PROGRAM)
+    install(FILES ${documents}/changelog.gz ${documents}/changelog.Debian.gz DESTINATION ${folder}
+            COMPONENT ${component})
+  endif()
+  foreach(library IN LISTS compiled_into_${component})
+    if(EXISTS /usr/share/doc/${library}/copyright)
+      install(FILES /usr/share/doc/${library}/copyright DESTINATION ${folder}/third-party
+              RENAME ${library} COMPONENT ${component})
+    endif()
+  endforeach()
+endforeach()
+include(CPack)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The manual pages and the completion in bash say what the program's help says."""
+import functools
+import gzip
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import harness
+from harness import CliTest
+
+COMPLETE = """
+source "$1"
+shift
+COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+_stgs
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@functools.cache
+def help_of(*verb):
+    return subprocess.run([harness.STGS, *verb, "--help"], capture_output=True, text=True,
+                          check=True).stdout
+
+
+def verbs():
+    listed = re.search(r"^Subcommands:\n(.*?)\n\n", help_of(), re.DOTALL | re.MULTILINE).group(1)
+    return re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE)
+
+
+def options(text):
+    """The options that a help declares, not those that it speaks of."""
+    heads = re.findall(r"^  (-\S+)", text, re.MULTILINE)
+    return {name for head in heads for name in head.split(",")}
+
+
+def plain(text):
+    """A page without its requests and escapes."""
+    text = re.sub(r"\\f[A-Z]|\\&", "", text).replace("\\-", "-").replace("\\e", "\\")
+    return re.sub(r"^\.[A-Z]+ ?", "", text, flags=re.MULTILINE)
+
+
+class Manual(CliTest):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp(prefix="stgs-manual-")
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+        subprocess.run([sys.executable, os.path.join(harness.SOURCE, "tools/man/make_man.py"),
+                        harness.STGS, cls.folder], check=True)
+
+    def page(self, *verb):
+        with gzip.open(os.path.join(self.folder, "-".join(["stgs", *verb]) + ".1.gz"), "rt") as file:
+            return file.read()
+
+    def test_every_verb_has_a_page_and_is_listed(self):
+        names = {"stgs.1.gz"} | {f"stgs-{verb}.1.gz" for verb in verbs()}
+        self.assertGreater(len(names), 10)
+        self.assertEqual(set(os.listdir(self.folder)), names)
+        listed = re.search(r"^\.SH VERBS\n(.*?)^\.SH", self.page(), re.DOTALL | re.MULTILINE).group(1)
+        self.assertEqual(re.findall(r"^\.BR stgs\\-([a-z]+) \(1\)$", listed, re.MULTILINE), verbs())
+
+    def test_a_page_has_the_options_of_its_verb(self):
+        for verb in [[], *([verb] for verb in verbs())]:
+            with self.subTest(verb=verb):
+                heads = re.findall(r"^\\fB(\\-.*?)\\fR", self.page(*verb), re.MULTILINE)
+                paged = {plain(name) for head in heads for name in head.split(", ")}
+                self.assertEqual(paged, options(help_of(*verb)))
+
+    def test_a_page_says_all_that_the_help_says(self):
+        for verb in [[], *([verb] for verb in verbs())]:
+            page = " ".join(plain(self.page(*verb)).split())
+            for line in help_of(*verb).splitlines():
+                # Of an option's line what it is, of others all; headings and the usage are set anew.
+                said = re.split(r"\s{2,}", line.strip())[-1] if line.startswith("  ") else line
+                if line.startswith("  -") and len(re.split(r"\s{2,}", line.strip())) == 1:
+                    continue
+                if re.match(r"Usage: |Exit codes: |[A-Z][a-z ]+:$|STGS |\s+\d ", line):
+                    continue
+                with self.subTest(verb=verb, line=line):
+                    self.assertIn(" ".join(said.rstrip(".").split()), page)
+
+    @unittest.skipUnless(shutil.which("man"), "needs man-db")
+    def test_a_page_is_well_formed(self):
+        for name in os.listdir(self.folder):
+            shown = subprocess.run(["man", "--warnings", "-l", os.path.join(self.folder, name)],
+                                   text=True, capture_output=True, check=True,
+                                   env=dict(os.environ, LC_ALL="C"))
+            self.assertEqual(shown.stderr, "")
+            self.assertIn("EXIT STATUS", shown.stdout)
+
+
+@unittest.skipUnless(shutil.which("bash"), "needs bash")
+class Completion(CliTest):
+    def complete(self, *words):
+        """What bash offers for the last of the words behind `stgs`."""
+        script = os.path.join(harness.SOURCE, "tools/completion/stgs.bash")
+        shown = subprocess.run(["bash", "--norc", "-c", COMPLETE, "bash", script, harness.STGS, *words],
+                               capture_output=True, text=True, check=True, cwd=self.work)
+        self.assertEqual(shown.stderr, "")
+        return set(shown.stdout.split())
+
+    def test_verbs(self):
+        self.assertEqual(self.complete(""), set(verbs()))
+        self.assertEqual(self.complete("en"), {"encode"})
+        self.assertEqual(self.complete("--"), {"--help", "--version"})
+
+    def test_options_of_a_verb(self):
+        for verb in verbs():
+            long = {name for name in options(help_of(verb)) if name.startswith("--")}
+            self.assertEqual(self.complete(verb, "--"), long)
+        self.assertEqual(self.complete("render", "scene.stgs", "--ba"), {"--background", "--backend"})
+
+    def test_values_of_an_option(self):
+        self.assertEqual(self.complete("render", "--backend", ""), {"auto", "cpu", "cuda", "vulkan"})
+        self.assertEqual(self.complete("render", "--backend", "c"), {"cpu", "cuda"})
+        self.assertEqual(self.complete("render", "--backend", "="), {"auto", "cpu", "cuda", "vulkan"})
+        self.assertEqual(self.complete("render", "--backend", "=", "v"), {"vulkan"})
+
+    def test_all_else_is_left_to_files(self):
+        for words in ("render", ""), ("render", "-o", "p"), ("render", "--size", ""), ("no", "--"):
+            self.assertEqual(self.complete(*words), set(), words)
+        with open(os.path.join(harness.SOURCE, "tools/completion/stgs.bash"), encoding="utf-8") as file:
+            self.assertRegex(file.read(), r"complete .*-o default .*-F _stgs stgs")

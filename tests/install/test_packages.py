@@ -1,0 +1,181 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The Debian packages hold what they should, depend on what they need, and serve an application.
+
+Makes them with cpack, looks into them with dpkg-deb, unpacks them into an empty folder, and builds
+and runs the example against that alone. Exit code 77: the machine has no dpkg-deb or dpkg-shlibdeps.
+"""
+import argparse
+import glob
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from outside import read_ppm, run
+
+ARGUMENTS = None
+SKIPPED = 77
+LIBRARIES = "usr/lib/**/"
+# What must be in a package, as patterns of paths, and in no other.
+CONTENTS = {
+    "libstgs0": [LIBRARIES + "libstgs.so.0", LIBRARIES + "libstgs.so.0.*"],
+    "libstgs-dev": ["usr/include/stgs/stgs.h", LIBRARIES + "libstgs.so", LIBRARIES + "libstgs.a",
+                    LIBRARIES + "cmake/stgs/stgsConfig.cmake",
+                    LIBRARIES + "cmake/stgs/stgs-shared.cmake",
+                    LIBRARIES + "cmake/stgs/stgs-static.cmake", LIBRARIES + "pkgconfig/stgs.pc",
+                    "usr/share/doc/libstgs-dev/examples/minimal.c"],
+    "stgs": ["usr/bin/stgs", "usr/share/bash-completion/completions/stgs",
+             "usr/share/man/man1/stgs.1.gz", "usr/share/man/man1/stgs-render.1.gz",
+             LIBRARIES + "cmake/stgs/stgs-tools.cmake"],
+    "stgs-mpi": [LIBRARIES + "stgs/stgs_mpi.so"],
+}
+
+
+def field(package, name):
+    return run("dpkg-deb", "-f", package, name).strip()
+
+
+def depends(package):
+    """The names of the packages that it needs."""
+    return {word.split()[0] for word in field(package, "Depends").split(", ") if word}
+
+
+class Packages(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp()
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+        run(ARGUMENTS.cpack, "-G", "DEB", "-B", cls.at("debs"), cwd=ARGUMENTS.build)
+        cls.packages = {field(path, "Package"): path for path in glob.glob(cls.at("debs/*.deb"))}
+        for path in cls.packages.values():
+            run("dpkg", "-x", path, cls.at("root"))
+        run(ARGUMENTS.fixture, cls.folder)
+
+    @classmethod
+    def at(cls, name):
+        return os.path.join(cls.folder, name)
+
+    def find(self, pattern, root="root"):
+        return glob.glob(os.path.join(self.at(root), pattern), recursive=True)
+
+    def test_there_is_a_package_for_each_use(self):
+        with_mpi = bool(glob.glob(os.path.join(ARGUMENTS.build, "bin/stgs_mpi.so")))
+        self.assertEqual(set(self.packages), set(CONTENTS) - (set() if with_mpi else {"stgs-mpi"}))
+        for name, path in self.packages.items():
+            version, architecture = field(path, "Version"), field(path, "Architecture")
+            self.assertEqual(version, ARGUMENTS.version + "-1")
+            self.assertEqual(os.path.basename(path), f"{name}_{version}_{architecture}.deb")
+            self.assertRegex(field(path, "Maintainer"), r"^[^<]+ <\S+@\S+>$")
+            synopsis = field(path, "Description").splitlines()[0]
+            self.assertTrue(10 < len(synopsis) < 80, synopsis)
+
+    def test_what_is_in_them(self):
+        held = {}
+        for name, path in self.packages.items():
+            run("dpkg", "-x", path, self.at(name))
+            held[name] = {os.path.relpath(file, self.at(name))
+                          for file in self.find("**", name)
+                          if not os.path.isdir(file) or os.path.islink(file)}
+            for pattern in CONTENTS[name]:
+                self.assertTrue(self.find(pattern, name), f"{name} lacks {pattern}")
+            document = os.path.join("usr/share/doc", name)
+            for file in "copyright", "changelog.gz", "changelog.Debian.gz":
+                self.assertIn(os.path.join(document, file), held[name])
+            with open(os.path.join(self.at(name), document, "copyright"), encoding="utf-8") as text:
+                self.assertIn("License: Apache-2.0", text.read())
+            # Only what was looked for, documents, manual pages and headers.
+            known = {file for pattern in CONTENTS[name] for file in self.find(pattern, name)}
+            for file in held[name]:
+                if not re.match(r"usr/(share/(doc|man)|include/stgs|lib/.*cmake/stgs)/", file):
+                    self.assertIn(os.path.join(self.at(name), file), known)
+        every = [file for files in held.values() for file in files]
+        self.assertEqual(len(every), len(set(every)), "a file is in two packages")
+
+    def test_what_they_depend_on(self):
+        needs = {name: depends(path) for name, path in self.packages.items()}
+        self.assertIn("libc6", needs["libstgs0"])
+        self.assertIn("libzstd1", needs["libstgs0"])
+        encoder_only = {word for word in needs["libstgs0"]
+                        if re.match(r"libopencv|libglfw|libopenexr|libopenmpi|libpython", word)}
+        self.assertEqual(encoder_only, set(), "an application drags in the encoder's libraries")
+        exactly = f"libstgs0 (= {field(self.packages['libstgs0'], 'Version')})"
+        self.assertEqual(field(self.packages["libstgs-dev"], "Depends"), exactly)
+        self.assertNotIn("libstgs0", needs["stgs"])
+        self.assertFalse({word for word in needs["stgs"] if "mpi" in word}, "stgs needs an MPI")
+        if "stgs-mpi" in needs:
+            self.assertTrue({word for word in needs["stgs-mpi"] if "libopenmpi" in word
+                             or "libmpich" in word}, needs["stgs-mpi"])
+        run("dpkg-deb", "-e", self.packages["libstgs0"], self.at("control"))
+        with open(self.at("control/shlibs"), encoding="utf-8") as file:
+            self.assertEqual(file.read(), f"libstgs 0 {exactly}\n")
+
+    @unittest.skipUnless(shutil.which("apt-get"), "needs apt-get")
+    def test_apt_would_install_them(self):
+        told = run("apt-get", "--simulate", "--no-install-recommends", "install",
+                   *self.packages.values())
+        self.assertEqual(set(re.findall(r"^Inst (\S+)", told, re.MULTILINE)), set(self.packages))
+
+    def test_programs_and_libraries_are_stripped_and_have_no_paths(self):
+        binaries = [path for path in self.find("usr/bin/*") + self.find("usr/lib/**/*.so*")
+                    if not os.path.islink(path)]
+        self.assertEqual(len(binaries), len(self.packages) - 1)
+        for path in binaries:
+            self.assertNotIn("debug_info", run("readelf", "-S", path))
+            self.assertNotRegex(run("readelf", "-d", path), "RPATH|RUNPATH")
+
+    def build_consumer(self, prefix, components, library="stgs::stgs"):
+        build = tempfile.mkdtemp(dir=self.folder)
+        configured = subprocess.run(
+            [ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"), "-B",
+             build, f"-DCMAKE_PREFIX_PATH={prefix}", f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}",
+             f"-DLIBRARY={library}", f"-DCOMPONENTS={components}",
+             f"-DEXAMPLE={self.find('usr/share/doc/libstgs-dev/examples/minimal.c')[0]}"],
+            capture_output=True, text=True, check=False)
+        if configured.returncode != 0:
+            return None, configured.stderr
+        built = run(ARGUMENTS.cmake, "--build", build)
+        return os.path.join(build, "consumer"), built
+
+    def test_the_example_is_built_from_them_and_draws(self):
+        program, built = self.build_consumer(self.at("root/usr"), "shared;tools")
+        self.assertIsNotNone(program, built)
+        self.assertIn(f"stgs {ARGUMENTS.version}\n", built)  # of the packages' own program
+        run(program, self.at("tiny.stgs"), "0.1", self.at("own.ppm"))
+        run(ARGUMENTS.minimal, self.at("tiny.stgs"), "0.1", self.at("example.ppm"))
+        self.assertEqual(read_ppm(self.at("own.ppm")), read_ppm(self.at("example.ppm")))
+
+    def test_a_component_that_is_not_there_is_told(self):
+        for name in "libstgs0", "libstgs-dev":
+            run("dpkg", "-x", self.packages[name], self.at("library"))
+        prefix = self.at("library/usr")
+        program, told = self.build_consumer(prefix, "shared")
+        self.assertIsNotNone(program, told)
+        program, told = self.build_consumer(prefix, "tools")
+        self.assertIsNone(program)
+        self.assertIn("tools", told)
+
+    def test_the_program_finds_its_module(self):
+        if "stgs-mpi" not in self.packages or shutil.which("mpirun") is None:
+            self.skipTest("needs MPI and mpirun")
+        told = subprocess.run(
+            ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2",
+             self.at("root/usr/bin/stgs"), "train", self.at("none"), "-o", self.at("t.stgs")],
+            capture_output=True, text=True, check=False).stderr
+        self.assertIn("none", told)
+        self.assertNotIn("cannot be loaded", told)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    for argument in ("build", "source", "fixture", "minimal", "cmake", "cpack", "cc", "version"):
+        parser.add_argument(f"--{argument}", required=True)
+    ARGUMENTS, rest = parser.parse_known_args()
+    missing = [name for name in ("dpkg-deb", "dpkg-shlibdeps") if shutil.which(name) is None]
+    if missing:
+        print(f"skipped: needs {', '.join(missing)}")
+        sys.exit(SKIPPED)
+    unittest.main(argv=["test_packages.py", *rest])
