@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* STGS on the application's Vulkan device, into its images, between its semaphores. C99, beside
- * stgs.h, whose rules of structs, threads and results count here too. Needs Vulkan's headers, of
- * 1.2.131 at least; a library that was built without Vulkan answers STGS_ERROR_NOT_BUILT.
+ * stgs.h, whose rules of structs, threads and results count here too. Needs Vulkan's headers; a
+ * library that was built without Vulkan answers STGS_ERROR_NOT_BUILT.
  *
  * What the device must be made with: no extension and no feature, Vulkan 1.1, and a queue of a
  * family with VK_QUEUE_COMPUTE_BIT. stgs_vulkan_get_support tells before the device is made whether

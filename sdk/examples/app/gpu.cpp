@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "gpu.h"
+
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb_image_write.h>
+
+#include <utility>
+
+namespace app {
+namespace {
+
+// Whether an application and STGS can draw on a queue of the family.
+bool draws(const VkQueueFamilyProperties& family) {
+  constexpr VkQueueFlags kBoth = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT;
+  return (family.queueFlags & kBoth) == kBoth;
+}
+
+// -1: there is none.
+int family_of(VkPhysicalDevice device) {
+  std::uint32_t count = 0;
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
+  std::vector<VkQueueFamilyProperties> families(count);
+  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (draws(families[i])) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+// What a device lacks for the example itself, or for STGS; empty: nothing.
+std::string lacking(const Gpu& gpu) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(gpu.physical_device, &properties);
+  if (properties.apiVersion < VK_API_VERSION_1_3) return "Vulkan 1.3";
+  if (family_of(gpu.physical_device) < 0) return "queue that draws and computes";
+  const stgs_vulkan_device asked = gpu.lent();
+  stgs_vulkan_support support{};
+  support.struct_size = sizeof support;
+  if (stgs_vulkan_get_support(&asked, &support) != STGS_OK) return "Vulkan with STGS";
+  return support.lacks;
+}
+
+}  // namespace
+
+void must(VkResult result, const char* what) {
+  if (result == VK_SUCCESS) return;
+  throw std::runtime_error(std::string(what) + ": VkResult " + std::to_string(result));
+}
+
+void must(stgs_result result, stgs_renderer* renderer) {
+  if (result == STGS_OK) return;
+  stgs_error error{};
+  error.struct_size = sizeof error;
+  stgs_renderer_error(renderer, &error);
+  throw std::runtime_error(error.message);
+}
+
+void must(stgs_result result, stgs_scene* scene) {
+  if (result == STGS_OK) return;
+  stgs_error error{};
+  error.struct_size = sizeof error;
+  stgs_scene_error(scene, &error);
+  throw std::runtime_error(error.message);
+}
+
+Makers vulkan_makers() {
+  return {[](const VkInstanceCreateInfo& info, VkInstance* out) {
+            return vkCreateInstance(&info, nullptr, out);
+          },
+          nullptr,
+          [](VkPhysicalDevice from, const VkDeviceCreateInfo& info, VkDevice* out) {
+            return vkCreateDevice(from, &info, nullptr, out);
+          }};
+}
+
+Gpu::Gpu(const Makers& makers) : Gpu() {
+  VkApplicationInfo application{};
+  application.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO;
+  application.pApplicationName = "STGS example";
+  application.apiVersion = VK_API_VERSION_1_3;
+  VkInstanceCreateInfo instance_info{};
+  instance_info.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO;
+  instance_info.pApplicationInfo = &application;
+  if (makers.instance(instance_info, &instance) != VK_SUCCESS) {
+    throw Unsupported("there is no Vulkan 1.3");
+  }
+  choose(makers);
+  queue_family = static_cast<std::uint32_t>(family_of(physical_device));
+  const float priority = 1;
+  VkDeviceQueueCreateInfo queue_info{};
+  queue_info.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO;
+  queue_info.queueFamilyIndex = queue_family;
+  queue_info.queueCount = 1;
+  queue_info.pQueuePriorities = &priority;
+  // STGS needs none of these; timeline semaphores are how frames are handed over here.
+  VkPhysicalDeviceVulkan13Features features13{};
+  features13.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES;
+  features13.dynamicRendering = features13.synchronization2 = VK_TRUE;
+  VkPhysicalDeviceVulkan12Features features12{};
+  features12.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES;
+  features12.pNext = &features13;
+  features12.timelineSemaphore = VK_TRUE;
+  VkDeviceCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO;
+  info.pNext = &features12;
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue_info;
+  must(makers.device(physical_device, info, &device), "making a device");
+  vkGetDeviceQueue(device, queue_family, 0, &queue);
+  VkCommandPoolCreateInfo pool{};
+  pool.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
+  pool.flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT;
+  pool.queueFamilyIndex = queue_family;
+  must(vkCreateCommandPool(device, &pool, nullptr, &pool_), "making a command pool");
+}
+
+Gpu::~Gpu() {
+  if (device != VK_NULL_HANDLE) {
+    vkDeviceWaitIdle(device);
+    while (!ends_.empty()) {
+      ends_.back()();
+      ends_.pop_back();
+    }
+    vkDestroyCommandPool(device, pool_, nullptr);
+    vkDestroyDevice(device, nullptr);
+  }
+  if (instance != VK_NULL_HANDLE) vkDestroyInstance(instance, nullptr);
+}
+
+void Gpu::choose(const Makers& makers) {
+  std::vector<VkPhysicalDevice> devices;
+  if (makers.choose) {
+    devices.push_back(makers.choose(instance));
+  } else {
+    std::uint32_t count = 0;
+    vkEnumeratePhysicalDevices(instance, &count, nullptr);
+    devices.resize(count);
+    must(vkEnumeratePhysicalDevices(instance, &count, devices.data()), "listing devices");
+  }
+  std::string lacks = "device";
+  for (const VkPhysicalDevice one : devices) {
+    physical_device = one;
+    lacks = lacking(*this);
+    if (lacks.empty()) return;
+  }
+  throw Unsupported("there is no Vulkan device to draw with: no " + lacks);
+}
+
+stgs_vulkan_device Gpu::lent() const {
+  stgs_vulkan_device out;
+  stgs_vulkan_device_defaults(&out, sizeof out);
+  out.instance = instance;
+  out.api_version = VK_API_VERSION_1_3;
+  out.physical_device = physical_device;
+  out.device = device;
+  out.queue = queue;
+  out.queue_family = queue_family;
+  out.timeline_semaphores = 1;
+  return out;
+}
+
+VkDeviceMemory Gpu::allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties) {
+  VkPhysicalDeviceMemoryProperties memory{};
+  vkGetPhysicalDeviceMemoryProperties(physical_device, &memory);
+  VkMemoryAllocateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO;
+  info.allocationSize = needs.size;
+  for (std::uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
+    if ((needs.memoryTypeBits >> i & 1u) == 0) continue;
+    if ((memory.memoryTypes[i].propertyFlags & properties) != properties) continue;
+    info.memoryTypeIndex = i;
+    VkDeviceMemory out = VK_NULL_HANDLE;
+    must(vkAllocateMemory(device, &info, nullptr, &out), "allocating GPU memory");
+    return out;
+  }
+  throw std::runtime_error("the GPU has no memory of a kind that is needed");
+}
+
+Image Gpu::make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
+                      VkImageUsageFlags usage, VkImageAspectFlags aspect) {
+  VkImageCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO;
+  info.imageType = VK_IMAGE_TYPE_2D;
+  info.format = format;
+  info.extent = {width, height, 1};
+  info.mipLevels = info.arrayLayers = 1;
+  info.samples = VK_SAMPLE_COUNT_1_BIT;
+  info.usage = usage;
+  Image out{VK_NULL_HANDLE, VK_NULL_HANDLE, format, width, height};
+  must(vkCreateImage(device, &info, nullptr, &out.image), "making an image");
+  at_end([this, image = out.image] { vkDestroyImage(device, image, nullptr); });
+  VkMemoryRequirements needs{};
+  vkGetImageMemoryRequirements(device, out.image, &needs);
+  const VkDeviceMemory memory = allocate(needs, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+  // After the image, which ends before it.
+  ends_.insert(ends_.end() - 1, [this, memory] { vkFreeMemory(device, memory, nullptr); });
+  must(vkBindImageMemory(device, out.image, memory, 0), "binding an image");
+  out.view = make_view(out.image, format, aspect);
+  return out;
+}
+
+VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) {
+  VkImageViewCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO;
+  info.image = image;
+  info.viewType = VK_IMAGE_VIEW_TYPE_2D;
+  info.format = format;
+  info.subresourceRange = {aspect, 0, 1, 0, 1};
+  VkImageView view = VK_NULL_HANDLE;
+  must(vkCreateImageView(device, &info, nullptr, &view), "making an image view");
+  at_end([this, view] { vkDestroyImageView(device, view, nullptr); });
+  return view;
+}
+
+VkSemaphore Gpu::make_timeline() {
+  VkSemaphoreTypeCreateInfo type{};
+  type.sType = VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO;
+  type.semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE;
+  VkSemaphoreCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO;
+  info.pNext = &type;
+  VkSemaphore semaphore = VK_NULL_HANDLE;
+  must(vkCreateSemaphore(device, &info, nullptr, &semaphore), "making a semaphore");
+  at_end([this, semaphore] { vkDestroySemaphore(device, semaphore, nullptr); });
+  return semaphore;
+}
+
+VkShaderModule Gpu::make_shader(std::span<const std::uint32_t> code) {
+  VkShaderModuleCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO;
+  info.codeSize = code.size_bytes();
+  info.pCode = code.data();
+  VkShaderModule shader = VK_NULL_HANDLE;
+  must(vkCreateShaderModule(device, &info, nullptr, &shader), "making a shader");
+  at_end([this, shader] { vkDestroyShaderModule(device, shader, nullptr); });
+  return shader;
+}
+
+VkCommandBuffer Gpu::make_commands() {
+  VkCommandBufferAllocateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
+  info.commandPool = pool_;
+  info.commandBufferCount = 1;
+  VkCommandBuffer commands = VK_NULL_HANDLE;
+  must(vkAllocateCommandBuffers(device, &info, &commands), "making commands");
+  return commands;
+}
+
+std::vector<std::uint8_t> Gpu::read(const Image& image, VkImageLayout layout) {
+  const VkDeviceSize bytes = VkDeviceSize{4} * image.width * image.height;
+  VkBufferCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO;
+  info.size = bytes;
+  info.usage = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+  VkBuffer buffer = VK_NULL_HANDLE;
+  must(vkCreateBuffer(device, &info, nullptr, &buffer), "making a buffer");
+  VkMemoryRequirements needs{};
+  vkGetBufferMemoryRequirements(device, buffer, &needs);
+  const VkDeviceMemory memory =
+      allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
+  must(vkBindBufferMemory(device, buffer, memory, 0), "binding a buffer");
+  VkCommandBuffer commands = make_commands();
+  VkCommandBufferBeginInfo begin{};
+  begin.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
+  must(vkBeginCommandBuffer(commands, &begin), "beginning commands");
+  constexpr VkImageLayout kSource = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
+  change_layout(commands, image.image, layout, kSource);
+  VkBufferImageCopy region{};
+  region.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1};
+  region.imageExtent = {image.width, image.height, 1};
+  vkCmdCopyImageToBuffer(commands, image.image, kSource, buffer, 1, &region);
+  change_layout(commands, image.image, kSource, layout);
+  must(vkEndCommandBuffer(commands), "ending commands");
+  VkSubmitInfo submit{};
+  submit.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &commands;
+  must(vkQueueSubmit(queue, 1, &submit, VK_NULL_HANDLE), "submitting");
+  must(vkQueueWaitIdle(queue), "waiting for the queue");
+  void* mapped = nullptr;
+  must(vkMapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping a buffer");
+  const auto* from = static_cast<const std::uint8_t*>(mapped);
+  std::vector<std::uint8_t> out(from, from + bytes);
+  vkFreeCommandBuffers(device, pool_, 1, &commands);
+  vkDestroyBuffer(device, buffer, nullptr);
+  vkFreeMemory(device, memory, nullptr);
+  return out;
+}
+
+void change_layout(VkCommandBuffer commands, VkImage image, VkImageLayout from, VkImageLayout to,
+                   VkImageAspectFlags aspect) {
+  VkImageMemoryBarrier2 barrier{};
+  barrier.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER_2;
+  barrier.srcStageMask = barrier.dstStageMask = VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT;
+  barrier.srcAccessMask = VK_ACCESS_2_MEMORY_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_2_MEMORY_READ_BIT | VK_ACCESS_2_MEMORY_WRITE_BIT;
+  barrier.oldLayout = from;
+  barrier.newLayout = to;
+  barrier.srcQueueFamilyIndex = barrier.dstQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
+  barrier.image = image;
+  barrier.subresourceRange = {aspect, 0, 1, 0, 1};
+  VkDependencyInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;
+  info.imageMemoryBarrierCount = 1;
+  info.pImageMemoryBarriers = &barrier;
+  vkCmdPipelineBarrier2(commands, &info);
+}
+
+void write_png(const std::string& path, std::uint32_t width, std::uint32_t height,
+               std::vector<std::uint8_t> pixels) {
+  for (std::size_t i = 3; i < pixels.size(); i += 4) pixels[i] = 255;
+  const int w = static_cast<int>(width), h = static_cast<int>(height);
+  if (stbi_write_png(path.c_str(), w, h, 4, pixels.data(), 4 * w) == 0) {
+    throw std::runtime_error(path + ": cannot be written");
+  }
+}
+
+}  // namespace app
