@@ -89,10 +89,7 @@ class RecordDecoder {
       const StreamRow& row = layout_.streams[i];
       if (row.in_group()) decode_coded(row, places[i].data());
     }
-    if (group_ && !group_->finish()) {
-      corrupt("rANS", "a block does not end as it must");
-      return false;
-    }
+    if (!group_ends()) return false;
     if (checksum({out.symbols.get(), out.size}) == record_.checksum) return true;
     findings_.error(N::kStreamChecksum, record_.payload_at, "segment {}: decoded planes are wrong",
                     ordinal_);
@@ -129,6 +126,8 @@ class RecordDecoder {
       Result<std::vector<RansBlockPlace>> blocks = rans_layout(record_.group, n_);
       if (!blocks.ok()) return corrupt("rANS", blocks.status().message().c_str()), false;
       out.blocks = std::move(*blocks);
+      // Who decodes planes sees how the blocks end; where all are constant nobody else looks.
+      if (in_group == 0 && !group_ends()) return false;
     }
     out.own_tables = record_.has_own;
     if (record_.has_own) out.lookups = set_.lookups;
@@ -136,6 +135,13 @@ class RecordDecoder {
   }
 
  private:
+  // After the planes that were decoded (spec A.5).
+  bool group_ends() const {
+    if (!group_ || group_->finish()) return true;
+    corrupt("rANS", "a block does not end as it must");
+    return false;
+  }
+
   // Counts the planes that it takes of the group and of those stored.
   CodedStream coded_stream(const StreamRow& row, std::uint32_t& in_group, std::uint32_t& in_stored,
                            std::vector<std::uint16_t>& tables) const {

@@ -84,6 +84,19 @@ constexpr const char* kVectors[] = {"tiers",
 
 }  // namespace
 
+TEST_CASE("a group without planes is checked before a decoder elsewhere gets the segment") {
+  for (const char* name : {"no_planes_state", "no_planes_word"}) {
+    INFO(name);
+    const auto reader = SceneReader::open(memory_source(vector_named(name)));
+    REQUIRE(reader.ok());
+    CHECK_FALSE((*reader)->decode(0).ok());
+    CHECK((*reader)->read(0, true).status().code() == StatusCode::kInvalidFile);
+  }
+  const auto sound = SceneReader::open(memory_source(vector_named("group_of_no_planes")));
+  REQUIRE(sound.ok());
+  CHECK((*sound)->read(0, true).ok());
+}
+
 TEST_CASE("a source that fails anywhere is told to be one") {
   for (const char* name : kVectors) {
     INFO(name);
