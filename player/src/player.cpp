@@ -16,8 +16,7 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kSlowest = -2, kFastest = 4;  // rates
-constexpr double kLongestStep = 0.25;          // seconds between advances that a moment follows
+constexpr double kLongestStep = 0.25;  // seconds between advances that a moment follows
 
 Status check(const PlayerSettings& s) {
   const auto positive = [](double v) { return std::isfinite(v) && v >= 0; };
@@ -35,11 +34,15 @@ Status check(const PlayerSettings& s) {
 class TransferEvents {
  public:
   void add(const TransferEvent& event) {
+    if (event.kind == TransferEvent::Kind::kFailed) return;  // the pieces tell
+    const bool replaced = event.kind == TransferEvent::Kind::kReplaced;
     PlayerEvent out;
-    out.kind = PlayerEvent::Kind::kRetry;
+    out.kind = replaced ? PlayerEvent::Kind::kReplaced : PlayerEvent::Kind::kRetry;
     out.offset = event.offset;
+    out.code = StatusCode::kIo;
     out.message = event.message;
     const std::lock_guard lock(mutex_);
+    if (replaced && std::exchange(told_replaced_, true)) return;
     events_.push_back(std::move(out));
   }
   std::vector<PlayerEvent> take() {
@@ -50,6 +53,7 @@ class TransferEvents {
  private:
   std::mutex mutex_;
   std::vector<PlayerEvent> events_;
+  bool told_replaced_ = false;
 };
 
 class StreamPlayer final : public Player {
@@ -102,8 +106,8 @@ class StreamPlayer final : public Player {
     return {};
   }
   Status set_rate(double rate) override {
-    if (!(rate >= kSlowest && rate <= kFastest) || rate == 0) {
-      return usage_error("a rate must be from {} to {}, and not 0: {}", kSlowest, kFastest, rate);
+    if (!(rate >= kMinRate && rate <= kMaxRate) || rate == 0) {
+      return usage_error("a rate must be from {} to {}, and not 0: {}", kMinRate, kMaxRate, rate);
     }
     clock_.set_rate(rate);
     move(false);
@@ -234,7 +238,7 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
                                      std::shared_ptr<TransferEvents> transfers) {
   auto pieces = std::make_unique<PieceSource>(std::move(source));
   PieceSource& of_reader = *pieces;
-  STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces)));
+  STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces), settings.limits));
   const std::string name = of_reader.name();
   try {
     return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
@@ -258,7 +262,7 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& place,
   http.connections = std::max(http.connections, settings.fetches);
   http.stop = stop.get_token();
   http.on_event = [transfers, told = settings.http.on_event](const TransferEvent& event) {
-    if (event.kind == TransferEvent::Kind::kRetry) transfers->add(event);
+    transfers->add(event);
     if (told) told(event);
   };
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place, http));

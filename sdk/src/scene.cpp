@@ -25,6 +25,7 @@ stgs_scene_settings default_settings() {
 }
 
 Outcome check_closed(const stgs_scene& scene) {
+  if (scene.of_player) return {STGS_ERROR_STATE, "the scene is a player's, which opens its file"};
   if (scene.timeline == nullptr) return {};
   return {STGS_ERROR_STATE, "the scene is open already: make another one"};
 }
@@ -49,10 +50,10 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
       return stgs::invalid_file("{}: {} (byte {}, issue {})", name, issue.message, issue.offset,
                                 issue.number);
     }
-    scene.log(STGS_LOG_WARNING, fmt::format("{}: {} (byte {}, issue {})", name, issue.message,
-                                            issue.offset, issue.number));
   }
-  scene.timeline = std::move(timeline);
+  scene.owned = std::move(timeline);
+  scene.timeline = scene.owned.get();
+  scene.tell_damage();
   return {};
 }
 
@@ -69,6 +70,13 @@ void copy3(To& to, const From& from) {
 
 }  // namespace
 
+void stgs_scene::tell_damage() const {
+  for (const stgs::Issue& issue : timeline->damage()) {
+    log(STGS_LOG_WARNING, fmt::format("{}: {} (byte {}, issue {})", timeline->name(), issue.message,
+                                      issue.offset, issue.number));
+  }
+}
+
 void stgs_scene::tell_losses() {
   const auto& losses = timeline->losses();
   for (; losses_told < losses.size(); ++losses_told) {
@@ -80,6 +88,7 @@ void stgs_scene::tell_losses() {
 }
 
 Outcome stgs_scene::check_memory(double seconds) {
+  if (of_player) return {};
   auto needed = timeline->needed_at(seconds);
   if (!needed.ok()) return needed.status();
   const int degree = timeline->reader().sh_degree() + 1;
@@ -119,7 +128,7 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
 }
 
 void stgs_scene_destroy(stgs_scene* scene) {
-  delete scene;
+  if (scene != nullptr && !scene->of_player) delete scene;
 }
 
 stgs_result stgs_scene_open(stgs_scene* scene, const char* place) {
@@ -153,7 +162,7 @@ stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io) {
     STGS_SDK_TRY(check_closed(*scene));
     STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
     if (io->read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
-    return open_source(*scene, stgs::sdk::callback_source(*io));
+    return open_source(*scene, stgs::sdk::callback_source(*io).source);
   });
 }
 

@@ -10,15 +10,22 @@ struct stgs_scene {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;
   stgs_scene_settings settings{};
-  std::unique_ptr<stgs::player::Timeline> timeline;  // null: not open
+  bool of_player = false;                         // then the timeline is the player's
+  std::unique_ptr<stgs::player::Timeline> owned;  // null: not open, or the player's
+  stgs::player::Timeline* timeline = nullptr;     // null: not open
   std::size_t losses_told = 0;
 
   stgs::sdk::Outcome check_open() const {
     if (timeline != nullptr) return {};
-    return {STGS_ERROR_STATE, "no file is open: call one of the stgs_scene_open functions first"};
+    return {STGS_ERROR_STATE, of_player ? "the player's file is not open"
+                                        : "no file is open: call one of the stgs_scene_open "
+                                          "functions first"};
   }
+  // Logs what was wrong with the file when it was opened.
+  void tell_damage() const;
   // Logs what was passed over since the last call.
   void tell_losses();
-  // STGS_ERROR_LIMIT where the segments of a moment do not fit into the memory.
+  // STGS_ERROR_LIMIT where the segments of a moment do not fit into the memory. A player's always
+  // do: it holds no others.
   stgs::sdk::Outcome check_memory(double seconds);
 };

@@ -2,6 +2,7 @@
 #include "source.h"
 
 #include <algorithm>
+#include <mutex>
 
 namespace stgs::sdk {
 namespace {
@@ -23,21 +24,39 @@ class BorrowedSource final : public ByteSource {
   std::string name_ = "memory";
 };
 
-class CallbackSource final : public ByteSource {
+// Closes the caller's source with the last who holds it.
+class CallerIo {
  public:
-  explicit CallbackSource(const stgs_io& io) : io_(io) {}
-  ~CallbackSource() override {
+  explicit CallerIo(const stgs_io& io) : io_(io) {}
+  ~CallerIo() {
     if (io_.close != nullptr) io_.close(io_.user);
   }
-  CallbackSource(const CallbackSource&) = delete;
-  CallbackSource& operator=(const CallbackSource&) = delete;
+  CallerIo(const CallerIo&) = delete;
+  CallerIo& operator=(const CallerIo&) = delete;
 
-  std::uint64_t size() const override { return io_.size; }
+  const stgs_io& io() const { return io_; }
+  void interrupt() {
+    std::call_once(interrupted_, [this] {
+      if (io_.interrupt != nullptr) io_.interrupt(io_.user);
+    });
+  }
+
+ private:
+  const stgs_io io_;
+  std::once_flag interrupted_;
+};
+
+class CallbackSource final : public ByteSource {
+ public:
+  explicit CallbackSource(std::shared_ptr<const CallerIo> caller) : caller_(std::move(caller)) {}
+
+  std::uint64_t size() const override { return caller_->io().size; }
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    STGS_TRY(check_range(name_, size(), offset, out.size()));
+    const stgs_io& io = caller_->io();
+    STGS_TRY(check_range(name_, io.size, offset, out.size()));
     if (out.empty()) return {};
-    if (const int error = io_.read(io_.user, offset, out.data(), out.size()); error != 0) {
+    if (const int error = io.read(io.user, offset, out.data(), out.size()); error != 0) {
       return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
                       error);
     }
@@ -45,7 +64,7 @@ class CallbackSource final : public ByteSource {
   }
 
  private:
-  stgs_io io_;
+  std::shared_ptr<const CallerIo> caller_;
   std::string name_ = "the application's source";
 };
 
@@ -55,8 +74,9 @@ std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes)
   return std::make_unique<BorrowedSource>(bytes);
 }
 
-std::unique_ptr<ByteSource> callback_source(const stgs_io& io) {
-  return std::make_unique<CallbackSource>(io);
+CallerSource callback_source(const stgs_io& io) {
+  auto caller = std::make_shared<CallerIo>(io);
+  return {std::make_unique<CallbackSource>(caller), [caller] { caller->interrupt(); }};
 }
 
 }  // namespace stgs::sdk

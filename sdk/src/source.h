@@ -2,6 +2,7 @@
 // Bytes of the caller's as a ByteSource.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 
@@ -12,7 +13,13 @@ namespace stgs::sdk {
 
 // The bytes are not copied.
 std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes);
-// Calls io.close when it ends.
-std::unique_ptr<ByteSource> callback_source(const stgs_io& io);
+
+// A source of callbacks. Both hold it open: what is left of it is closed by the last that goes.
+struct CallerSource {
+  std::unique_ptr<ByteSource> source;
+  std::function<void()> interrupt;  // reads end at once, or soon; any thread, any number of times
+};
+CallerSource callback_source(const stgs_io& io);
+CallerSource callback_source(const stgs_async_io& io);
 
 }  // namespace stgs::sdk

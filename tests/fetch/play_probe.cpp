@@ -42,8 +42,8 @@ void make(const std::string& path) {
 }
 
 const char* name_of(PlayerEvent::Kind kind) {
-  constexpr const char* kNames[] = {"buffering", "resumed", "looped", "ended",
-                                    "layers",    "retry",   "lost",   "damaged"};
+  constexpr const char* kNames[] = {"buffering", "resumed", "looped",  "ended",   "layers",
+                                    "retry",     "lost",    "damaged", "replaced"};
   return kNames[static_cast<int>(kind)];
 }
 

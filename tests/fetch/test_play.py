@@ -102,6 +102,7 @@ class Play(unittest.TestCase):
         with FaultyServer(self.data, [{}] * 4 + [{"do": replace}]) as server:
             out = self.play(server.url, 1.5)
         self.assertGreater(out["counts"].get("lost", 0), 0, out)
+        self.assertEqual(out["counts"].get("replaced", 0), 1, out)
         self.assertEqual(out["counts"].get("damaged", 0), 0, out)
         self.assertLess(out["longest_call"], 0.5, out)
         self.assertLess(out["closed_in"], 2, out)

@@ -142,14 +142,17 @@ class Http final : public HttpSource {
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
       Status failure;
+      auto kind = TransferEvent::Kind::kFailed;
       if (check == Check::kSame && !is_same(attempt)) {
         failure = replaced();
+        kind = TransferEvent::Kind::kReplaced;
       } else if (attempt.outcome == Attempt::Outcome::kDone ||
                  (attempt.outcome == Attempt::Outcome::kAgain && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
           return Seen{done, attempt.total, attempt.validator};
         }
         failure = replaced();
+        kind = TransferEvent::Kind::kReplaced;
       } else if (attempt.outcome == Attempt::Outcome::kHopeless) {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
@@ -161,7 +164,7 @@ class Http final : public HttpSource {
         failure = io_error("{}: {} (given up after {} tries at byte {})", name_, attempt.reason,
                            failures, offset + done);
       }
-      tell(TransferEvent::Kind::kFailed, offset + done, 0, failure.message());
+      tell(kind, offset + done, 0, failure.message());
       return failure;
     }
   }

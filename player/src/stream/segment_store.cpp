@@ -64,6 +64,7 @@ void SegmentStore::run_thread(void (SegmentStore::*work)()) {
     } catch (const std::exception& e) {
       PlayerEvent event;
       event.kind = PlayerEvent::Kind::kLost;
+      event.code = StatusCode::kRuntime;
       event.message = e.what();
       tell(std::move(event));
     }
@@ -292,6 +293,7 @@ void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kin
   event.kind = kind;
   event.seconds = reader_->metadata().time_base.seconds(motion_.ticks);
   event.offset = piece_offset(piece);
+  event.code = status.code();
   event.message = status.message();
   events_.push_back(std::move(event));
 }

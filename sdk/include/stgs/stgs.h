@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* STGS for applications: opens .stgs scenes and draws them. C99.
+/* STGS for applications: opens .stgs scenes and draws them; stgs_player.h plays them. C99.
  *
  * Objects are opaque, made by a _create function and given back by the _destroy function of the
  * same name, which takes NULL. A struct begins with its size, which the caller sets to its sizeof
@@ -102,6 +102,9 @@ typedef struct stgs_io {
   int (*read)(void* user, uint64_t offset, void* out, size_t bytes);
   /* Called once when nothing is read any more; NULL: nothing to do. */
   void (*close)(void* user);
+  /* Called once at most, by stgs_player_destroy: reads under way must fail soon, and later ones at
+   * once. NULL: nothing to do, they end by themselves. */
+  void (*interrupt)(void* user);
 } stgs_io;
 
 /* A scene without a file. `settings` may be NULL: the defaults; they are copied. *out is NULL after
@@ -261,5 +264,8 @@ STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, dou
 #ifdef __cplusplus
 }
 #endif
+
+/* The rest, for which this comes first. */
+#include "stgs/stgs_player.h"
 
 #endif

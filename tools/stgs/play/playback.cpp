@@ -143,9 +143,10 @@ void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
     if (event.kind == PlayerEvent::Kind::kBuffering) ++stalls_;
     if (event.message.empty()) continue;
-    const char* what = event.kind == PlayerEvent::Kind::kRetry  ? "trying again"
-                       : event.kind == PlayerEvent::Kind::kLost ? "missing for now"
-                                                                : "damaged, left out";
+    const char* what = event.kind == PlayerEvent::Kind::kRetry      ? "trying again"
+                       : event.kind == PlayerEvent::Kind::kLost     ? "missing for now"
+                       : event.kind == PlayerEvent::Kind::kReplaced ? "nothing more of it comes"
+                                                                    : "damaged, left out";
     notices_.push_back({now, fmt::format("{}: {}", what, event.message)});
     session_.log(1, fmt::format("at byte {}: {} ({})", event.offset, event.message, what));
   }

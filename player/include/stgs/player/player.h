@@ -22,16 +22,19 @@ struct PlayerEvent {
     kResumed,    // it goes on
     kLooped,
     kEnded,
-    kLayers,  // the number of layers at the moment has changed
-    kRetry,   // a transfer failed and is tried again
-    kLost,    // a piece could not be read; it is tried again later
-    kDamaged  // a piece is not what was written; the picture lacks it
+    kLayers,   // the number of layers at the moment has changed
+    kRetry,    // a transfer failed and is tried again
+    kLost,     // a piece could not be read; it is tried again later
+    kDamaged,  // a piece is not what was written; the picture lacks it
+    kReplaced  // the file at the URL is another one now: what has not come will not; told once
   };
   Kind kind = Kind::kBuffering;
-  double seconds = 0;        // the moment of the clip
-  std::uint64_t offset = 0;  // of kRetry, kLost, kDamaged: byte of the file
-  int layers = 0;            // of kLayers
-  std::string message;       // of kRetry, kLost, kDamaged
+  double seconds = 0;  // the moment of the clip
+  int layers = 0;      // of kLayers
+  // Of kRetry, kLost, kDamaged, kReplaced: byte of the file, what is wrong.
+  std::uint64_t offset = 0;
+  StatusCode code = StatusCode::kOk;
+  std::string message;
 };
 
 struct PlayerSettings {
@@ -43,7 +46,10 @@ struct PlayerSettings {
   double retry_seconds = 1;  // until what could not be read is tried again
   int fetches = 4;           // at once
   HttpSettings http;         // of a URL
+  ReadLimits limits;         // of the file
 };
+
+inline constexpr double kMinRate = -2, kMaxRate = 4;
 
 enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
 
@@ -62,8 +68,8 @@ struct StreamStatistics {
   std::uint64_t stored_primitives = 0;  // decoded and held
 };
 
-// Not thread-safe: one thread calls it and draws what timeline() has; fetching and decoding have
-// threads of their own, which the destructor ends.
+// Not thread-safe: one thread calls it, and one, which may be another, draws what timeline() has.
+// Fetching and decoding have threads of their own, which the destructor ends.
 class Player {
  public:
   // `place`: a path or a URL. Reads the head of the file. Errors: open_place's,
@@ -87,7 +93,7 @@ class Player {
   // or a frame that the clip does not have.
   virtual Status seek(double seconds) = 0;
   virtual Status seek_frame(std::uint32_t frame) = 0;
-  // -2 to 4, not 0 (kUsage).
+  // kMinRate to kMaxRate, not 0 (kUsage).
   virtual Status set_rate(double rate) = 0;
   virtual void set_loop(bool loop) = 0;
 

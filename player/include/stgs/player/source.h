@@ -15,8 +15,10 @@ namespace stgs::player {
 // What a transfer met with. Told from the thread that reads, by several threads at once.
 struct TransferEvent {
   enum class Kind {
-    kRetry,   // a try failed, another follows
-    kFailed,  // the read fails
+    kRetry,     // a try failed, another follows
+    kFailed,    // the read fails
+    kReplaced,  // the read fails: the file is another one now, and stays so until it is opened
+                // again
   };
   Kind kind = Kind::kRetry;
   std::uint64_t offset = 0;  // in the file, of the first byte that has not come

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads that the application answers later. A read that nobody waits for any more keeps its memory
+// and the source until it is completed.
+#include <algorithm>
+#include <condition_variable>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "source.h"
+
+namespace stgs::sdk {
+namespace {
+
+class AsyncIo {
+ public:
+  explicit AsyncIo(const stgs_async_io& io) : io_(io) {}
+  ~AsyncIo() {
+    if (io_.close != nullptr) io_.close(io_.user);
+  }
+  AsyncIo(const AsyncIo&) = delete;
+  AsyncIo& operator=(const AsyncIo&) = delete;
+
+  const stgs_async_io& io() const { return io_; }
+  void interrupt() {
+    {
+      const std::lock_guard lock(mutex_);
+      if (std::exchange(interrupted_, true)) return;
+    }
+    answered_.notify_all();
+    if (io_.interrupt != nullptr) io_.interrupt(io_.user);
+  }
+
+  struct Answer {
+    std::vector<std::uint8_t> bytes;
+    bool here = false;
+    int error = 0;
+  };
+  void put(Answer& answer, int error) {
+    {
+      const std::lock_guard lock(mutex_);
+      answer.error = error;
+      answer.here = true;
+    }
+    answered_.notify_all();
+  }
+  // false: interrupted before it has come.
+  bool wait_for(const Answer& answer) {
+    std::unique_lock lock(mutex_);
+    answered_.wait(lock, [&] { return answer.here || interrupted_; });
+    return answer.here;
+  }
+  bool is_interrupted() {
+    const std::lock_guard lock(mutex_);
+    return interrupted_;
+  }
+
+ private:
+  const stgs_async_io io_;
+  std::mutex mutex_;  // of what follows, and of answers
+  std::condition_variable answered_;
+  bool interrupted_ = false;
+};
+
+}  // namespace
+}  // namespace stgs::sdk
+
+struct stgs_read {
+  std::shared_ptr<stgs::sdk::AsyncIo> source;
+  std::shared_ptr<stgs::sdk::AsyncIo::Answer> answer;
+};
+
+namespace stgs::sdk {
+namespace {
+
+class AsyncSource final : public ByteSource {
+ public:
+  explicit AsyncSource(std::shared_ptr<AsyncIo> caller) : caller_(std::move(caller)) {}
+
+  std::uint64_t size() const override { return caller_->io().size; }
+  const std::string& name() const override { return name_; }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    const stgs_async_io& io = caller_->io();
+    STGS_TRY(check_range(name_, io.size, offset, out.size()));
+    if (out.empty()) return {};
+    if (caller_->is_interrupted()) return interrupted();
+    const auto answer = std::make_shared<AsyncIo::Answer>();
+    answer->bytes.resize(out.size());
+    auto* read = new stgs_read{caller_, answer};  // the application's, which completes it
+    io.begin(io.user, read, offset, answer->bytes.data(), out.size());
+    if (!caller_->wait_for(*answer)) return interrupted();
+    if (answer->error != 0) {
+      return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
+                      answer->error);
+    }
+    std::copy(answer->bytes.begin(), answer->bytes.end(), out.begin());
+    return {};
+  }
+
+ private:
+  Status interrupted() const { return runtime_error("{}: reading was stopped", name_); }
+
+  std::shared_ptr<AsyncIo> caller_;
+  std::string name_ = "the application's source";
+};
+
+}  // namespace
+
+CallerSource callback_source(const stgs_async_io& io) {
+  auto caller = std::make_shared<AsyncIo>(io);
+  return {std::make_unique<AsyncSource>(caller), [caller] { caller->interrupt(); }};
+}
+
+}  // namespace stgs::sdk
+
+extern "C" void stgs_read_complete(stgs_read* read, int error) {
+  if (read == nullptr) return;
+  read->source->put(*read->answer, error);
+  delete read;
+}

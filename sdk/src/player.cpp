@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "player.h"
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <utility>
+
+using stgs::player::PlayerEvent;
+using stgs::player::PlayerState;
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 20;
+
+stgs_player_settings default_settings() {
+  const stgs::player::PlayerSettings defaults;
+  stgs_player_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.memory_budget = defaults.memory_budget;
+  settings.max_file_bytes = INT64_MAX;
+  settings.max_primitives = defaults.limits.max_primitives;
+  settings.max_memory = stgs::player::kDefaultMemoryBudget;
+  settings.ahead_seconds = defaults.ahead_seconds;
+  settings.resume_seconds = defaults.resume_seconds;
+  settings.patience_seconds = defaults.layer_patience_seconds;
+  settings.retry_seconds = defaults.retry_seconds;
+  settings.fetches = static_cast<std::uint32_t>(defaults.fetches);
+  settings.url_tries = static_cast<std::uint32_t>(defaults.http.tries);
+  settings.url_connect_seconds = defaults.http.connect_seconds;
+  settings.url_stall_seconds = defaults.http.stall_seconds;
+  return settings;
+}
+
+bool is_duration(double seconds) {
+  return std::isfinite(seconds) && seconds >= 0;
+}
+
+bool are_in_range(const stgs_player_settings& s) {
+  return s.memory_budget >= kLeastMemory && s.max_memory >= kLeastMemory &&
+         is_duration(s.ahead_seconds) && is_duration(s.resume_seconds) &&
+         is_duration(s.patience_seconds) && is_duration(s.retry_seconds) && s.fetches >= 1 &&
+         s.fetches <= 64 && s.url_tries >= 1 && s.url_tries <= 1000 &&
+         is_duration(s.url_connect_seconds) && is_duration(s.url_stall_seconds);
+}
+
+stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
+  stgs::player::PlayerSettings out;
+  out.memory_budget = s.memory_budget;
+  out.limits = {s.max_primitives, s.max_memory};
+  out.ahead_seconds = s.ahead_seconds;
+  out.resume_seconds = s.resume_seconds;
+  out.layer_patience_seconds = s.patience_seconds;
+  out.retry_seconds = s.retry_seconds;
+  out.fetches = static_cast<int>(s.fetches);
+  out.http.tries = static_cast<int>(s.url_tries);
+  out.http.connect_seconds = s.url_connect_seconds;
+  out.http.stall_seconds = s.url_stall_seconds;
+  return out;
+}
+
+stgs_player_state state_of(PlayerState state) {
+  switch (state) {
+    case PlayerState::kPaused:
+      return STGS_PLAYER_PAUSED;
+    case PlayerState::kPlaying:
+      return STGS_PLAYER_PLAYING;
+    case PlayerState::kBuffering:
+      return STGS_PLAYER_BUFFERING;
+    case PlayerState::kEnded:
+      break;
+  }
+  return STGS_PLAYER_ENDED;
+}
+
+stgs_event_kind kind_of(PlayerEvent::Kind kind) {
+  switch (kind) {
+    case PlayerEvent::Kind::kBuffering:
+      return STGS_EVENT_BUFFERING;
+    case PlayerEvent::Kind::kResumed:
+      return STGS_EVENT_RESUMED;
+    case PlayerEvent::Kind::kLooped:
+      return STGS_EVENT_LOOPED;
+    case PlayerEvent::Kind::kEnded:
+      return STGS_EVENT_ENDED;
+    case PlayerEvent::Kind::kLayers:
+      return STGS_EVENT_LAYERS;
+    case PlayerEvent::Kind::kRetry:
+      return STGS_EVENT_RETRY;
+    case PlayerEvent::Kind::kLost:
+      return STGS_EVENT_LOST;
+    case PlayerEvent::Kind::kDamaged:
+      return STGS_EVENT_DAMAGED;
+    case PlayerEvent::Kind::kReplaced:
+      break;
+  }
+  return STGS_EVENT_REPLACED;
+}
+
+Outcome check_open(const stgs_player& player) {
+  if (player.player != nullptr) return {};
+  return {STGS_ERROR_STATE, "no file is open yet"};
+}
+
+stgs_player_status status_of(const stgs_player& player) {
+  stgs_player_status out{};
+  out.struct_size = sizeof(out);
+  if (player.player == nullptr) {
+    out.state = player.opening.valid() ? STGS_PLAYER_OPENING : STGS_PLAYER_CLOSED;
+    return out;
+  }
+  const stgs::player::Player& open = *player.player;
+  out.state = state_of(open.state());
+  out.seconds = open.seconds();
+  out.layers = open.layers();
+  out.layers_of_file = open.layers_of_file();
+  out.ready = open.ready() ? 1 : 0;
+  out.settled = open.settled() ? 1 : 0;
+  return out;
+}
+
+}  // namespace
+
+void stgs_player::tell(Event event) {
+  if (events.size() == STGS_MAX_EVENTS) events.pop_front();
+  event.event.struct_size = sizeof(event.event);
+  events.push_back(std::move(event));
+}
+
+void stgs_player::take_events() {
+  if (player == nullptr) return;
+  for (PlayerEvent& from : player->take_events()) {
+    Event event;
+    event.event.kind = kind_of(from.kind);
+    event.event.result = Outcome(stgs::Status(from.code, from.message)).result;
+    event.event.seconds = from.seconds;
+    const bool of_file = event.event.result != STGS_OK;
+    event.event.offset = of_file ? from.offset : STGS_NO_OFFSET;
+    event.event.layers = from.layers;
+    event.message = std::move(from.message);
+    tell(std::move(event));
+  }
+}
+
+extern "C" {
+
+stgs_result stgs_player_settings_defaults(stgs_player_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+}
+
+stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  *out = nullptr;
+  const stgs_player_settings defaults = default_settings();
+  if (settings == nullptr) settings = &defaults;
+  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
+  if (!are_in_range(*settings)) return STGS_ERROR_ARGUMENT;
+  try {
+    auto player = std::make_unique<stgs_player>();
+    player->settings = *settings;
+    player->wanted = wanted_of(*settings);
+    player->wanted.http.stop = player->stop.get_token();
+    player->scene.log = {settings->log, settings->log_user};
+    *out = player.release();
+    return STGS_OK;
+  } catch (const std::bad_alloc&) {
+    return STGS_ERROR_OUT_OF_MEMORY;
+  }
+}
+
+void stgs_player_destroy(stgs_player* player) {
+  delete player;
+}
+
+stgs_result stgs_player_error(const stgs_player* player, stgs_error* error) {
+  return player == nullptr ? STGS_ERROR_ARGUMENT : player->error.tell(error);
+}
+
+stgs_scene* stgs_player_scene(stgs_player* player) {
+  return player == nullptr ? nullptr : &player->scene;
+}
+
+stgs_result stgs_player_play(stgs_player* player) {
+  return guarded(player, [&]() -> Outcome {
+    player->playing = true;
+    if (player->player != nullptr) player->player->play();
+    return {};
+  });
+}
+
+stgs_result stgs_player_pause(stgs_player* player) {
+  return guarded(player, [&]() -> Outcome {
+    player->playing = false;
+    if (player->player != nullptr) player->player->pause();
+    return {};
+  });
+}
+
+stgs_result stgs_player_seek(stgs_player* player, double seconds) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_open(*player));
+    return player->player->seek(seconds);
+  });
+}
+
+stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_open(*player));
+    return player->player->seek_frame(frame);
+  });
+}
+
+stgs_result stgs_player_set_rate(stgs_player* player, double rate) {
+  return guarded(player, [&]() -> Outcome {
+    if (!(rate >= stgs::player::kMinRate && rate <= stgs::player::kMaxRate) || rate == 0) {
+      return {STGS_ERROR_ARGUMENT,
+              fmt::format("a rate must be from {} to {}, and not 0: {}", stgs::player::kMinRate,
+                          stgs::player::kMaxRate, rate)};
+    }
+    if (player->player != nullptr) STGS_SDK_TRY(player->player->set_rate(rate));
+    player->rate = rate;
+    return {};
+  });
+}
+
+stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop) {
+  return guarded(player, [&]() -> Outcome {
+    player->loop = loop != 0;
+    if (player->player != nullptr) player->player->set_loop(player->loop);
+    return {};
+  });
+}
+
+stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_status* status) {
+  return guarded(player, [&]() -> Outcome {
+    if (!std::isfinite(now)) return {STGS_ERROR_ARGUMENT, fmt::format("now is {} seconds", now)};
+    if (status != nullptr) STGS_SDK_TRY(stgs::sdk::check_struct(status, "status"));
+    player->note_opened(false);
+    if (player->player != nullptr) player->player->advance(now);
+    player->take_events();
+    if (status != nullptr) *status = status_of(*player);
+    return {};
+  });
+}
+
+stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(stgs::sdk::check_struct(event, "event"));
+    if (player->events.empty()) player->take_events();
+    if (player->events.empty()) {
+      player->told = {};
+      player->told.event.struct_size = sizeof(*event);
+      player->told.event.offset = STGS_NO_OFFSET;
+    } else {
+      player->told = std::move(player->events.front());
+      player->events.pop_front();
+    }
+    player->told.event.message = player->told.message.c_str();
+    *event = player->told.event;
+    return {};
+  });
+}
+
+stgs_result stgs_player_get_statistics(stgs_player* player, stgs_player_statistics* statistics) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(stgs::sdk::check_struct(statistics, "statistics"));
+    stgs::player::StreamStatistics now;
+    if (player->player != nullptr) now = player->player->statistics();
+    *statistics = {sizeof(*statistics), now.bytes_per_second, now.fetched_bytes, now.memory_bytes,
+                   now.stored_primitives};
+    return {};
+  });
+}
+
+stgs_result stgs_player_get_buffered(stgs_player* player, stgs_time_range* ranges,
+                                     uint32_t capacity, uint32_t* count) {
+  return guarded(player, [&]() -> Outcome {
+    if (count == nullptr) return {STGS_ERROR_ARGUMENT, "count is NULL"};
+    if (ranges == nullptr && capacity > 0) return {STGS_ERROR_ARGUMENT, "ranges are NULL"};
+    std::vector<stgs::player::TimeRange> buffered;
+    if (player->player != nullptr) buffered = player->player->buffered();
+    const std::size_t fit = std::min<std::size_t>(capacity, buffered.size());
+    for (std::size_t i = 0; i < fit; ++i) ranges[i] = {buffered[i].begin, buffered[i].end};
+    *count = static_cast<std::uint32_t>(buffered.size());
+    return {};
+  });
+}
+
+}  // extern "C"

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// Opening a player's file, while the application goes on.
+#include <chrono>
+#include <new>
+#include <utility>
+
+#include "player.h"
+#include "source.h"
+#include "stgs/player/source.h"
+
+using stgs::player::Player;
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+Outcome check_closed(const stgs_player& player) {
+  if (player.opening.valid()) return {STGS_ERROR_STATE, "a file is being opened already"};
+  if (player.player == nullptr) return {};
+  return {STGS_ERROR_STATE, "the player has a file already: make another one"};
+}
+
+// A source of the caller's with its struct checked; then it is the player's.
+template <typename Io>
+void open_caller_source(stgs_player& player, const Io& io) {
+  stgs::sdk::CallerSource caller = stgs::sdk::callback_source(io);
+  // A function can be copied, a unique_ptr cannot.
+  const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(std::move(caller.source));
+  player.begin_opening([source, interrupt = caller.interrupt, wanted = player.wanted] {
+    return Player::over(std::move(*source), wanted, interrupt);
+  });
+  player.interrupt = std::move(caller.interrupt);
+}
+
+stgs_result open_bytes(stgs_player* player, const void* data, std::size_t bytes, bool copy) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*player));
+    if (data == nullptr) return {STGS_ERROR_ARGUMENT, "data is NULL"};
+    const auto* begin = static_cast<const std::uint8_t*>(data);
+    const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(
+        copy ? stgs::memory_source({begin, begin + bytes})
+             : stgs::sdk::borrowed_source({begin, bytes}));
+    player->begin_opening(
+        [source, wanted = player->wanted] { return Player::over(std::move(*source), wanted); });
+    return {};
+  });
+}
+
+}  // namespace
+
+stgs_player::stgs_player() {
+  scene.of_player = true;
+}
+
+stgs_player::~stgs_player() {
+  stop.request_stop();
+  if (interrupt) interrupt();
+  if (opening.valid()) opening.wait();
+  scene.timeline = nullptr;
+}
+
+void stgs_player::begin_opening(std::function<Opened()> open) {
+  opened = {};
+  has_ended = false;
+  opening = std::async(std::launch::async, std::move(open));
+}
+
+// The player of an opening that has ended.
+Outcome stgs_player::take_opened() {
+  try {
+    Opened result = opening.get();
+    if (!result.ok()) return result.status();
+    const stgs::SceneReader& reader = (*result)->timeline().reader();
+    if (const std::uint64_t bytes = reader.file_bytes() + reader.incomplete_bytes();
+        bytes > settings.max_file_bytes) {
+      return {STGS_ERROR_LIMIT,
+              fmt::format("{}: {} bytes, more than the limit of {}", (*result)->timeline().name(),
+                          bytes, settings.max_file_bytes)};
+    }
+    STGS_SDK_TRY((*result)->set_rate(rate));
+    (*result)->set_loop(loop);
+    if (playing) (*result)->play();
+    player = std::move(result).value();
+    scene.timeline = &player->timeline();
+    return {};
+  } catch (const std::bad_alloc&) {
+    return {STGS_ERROR_OUT_OF_MEMORY, "not enough memory to open the file"};
+  } catch (const std::exception& e) {
+    return {STGS_ERROR_RUNTIME, fmt::format("the file could not be opened: {}", e.what())};
+  }
+}
+
+void stgs_player::note_opened(bool wait) {
+  if (!opening.valid()) return;
+  if (!wait && opening.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  opened = take_opened();
+  has_ended = true;
+  const bool ok = opened.result == STGS_OK;
+  if (ok) {
+    scene.tell_damage();
+  } else {
+    interrupt = nullptr;  // closes a source of the caller's
+    scene.log(STGS_LOG_ERROR, opened.status.message());
+  }
+  stgs::sdk::LastError error_of_opening;
+  error_of_opening.set(opened);
+  stgs_error in_words{};
+  in_words.struct_size = sizeof(in_words);
+  error_of_opening.tell(&in_words);
+  Event event;
+  event.event.kind = ok ? STGS_EVENT_OPENED : STGS_EVENT_FAILED;
+  event.event.result = in_words.result;
+  event.event.offset = in_words.offset;
+  event.message = in_words.message;
+  tell(std::move(event));
+}
+
+extern "C" {
+
+stgs_result stgs_player_open(stgs_player* player, const char* place) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*player));
+    if (place == nullptr) return {STGS_ERROR_ARGUMENT, "place is NULL"};
+    player->begin_opening([path = std::string(place), wanted = player->wanted] {
+      return Player::open(path, wanted);
+    });
+    return {};
+  });
+}
+
+stgs_result stgs_player_open_memory(stgs_player* player, const void* data, size_t bytes) {
+  return open_bytes(player, data, bytes, false);
+}
+
+stgs_result stgs_player_open_memory_copy(stgs_player* player, const void* data, size_t bytes) {
+  return open_bytes(player, data, bytes, true);
+}
+
+stgs_result stgs_player_open_io(stgs_player* player, const stgs_io* io) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*player));
+    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
+    if (io->read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
+    open_caller_source(*player, *io);
+    return {};
+  });
+}
+
+stgs_result stgs_player_open_async_io(stgs_player* player, const stgs_async_io* io) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_closed(*player));
+    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
+    if (io->begin == nullptr) return {STGS_ERROR_ARGUMENT, "io->begin is NULL"};
+    open_caller_source(*player, *io);
+    return {};
+  });
+}
+
+stgs_result stgs_player_wait_open(stgs_player* player) {
+  return guarded(player, [&]() -> Outcome {
+    player->note_opened(true);
+    if (!player->has_ended) return {STGS_ERROR_STATE, "no file is being opened"};
+    return player->opened;
+  });
+}
+
+}  // extern "C"
