@@ -92,17 +92,22 @@ Gpu::Gpu(const Makers& makers) : Gpu() {
   queue_info.queueFamilyIndex = queue_family;
   queue_info.queueCount = 1;
   queue_info.pQueuePriorities = &priority;
-  // STGS needs none of these; timeline semaphores are how frames are handed over here.
-  VkPhysicalDeviceVulkan13Features features13{};
-  features13.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES;
-  features13.dynamicRendering = features13.synchronization2 = VK_TRUE;
-  VkPhysicalDeviceVulkan12Features features12{};
-  features12.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES;
-  features12.pNext = &features13;
-  features12.timelineSemaphore = VK_TRUE;
+  // STGS needs none of these; timeline semaphores are how frames are handed over here. Each in a
+  // struct of its own: an OpenXR runtime may add others, which those of a whole version forbid.
+  VkPhysicalDeviceDynamicRenderingFeatures rendering{};
+  rendering.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DYNAMIC_RENDERING_FEATURES;
+  rendering.dynamicRendering = VK_TRUE;
+  VkPhysicalDeviceSynchronization2Features synchronisation{};
+  synchronisation.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SYNCHRONIZATION_2_FEATURES;
+  synchronisation.pNext = &rendering;
+  synchronisation.synchronization2 = VK_TRUE;
+  VkPhysicalDeviceTimelineSemaphoreFeatures timeline{};
+  timeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
+  timeline.pNext = &synchronisation;
+  timeline.timelineSemaphore = VK_TRUE;
   VkDeviceCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO;
-  info.pNext = &features12;
+  info.pNext = &timeline;
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue_info;
   must(makers.device(physical_device, info, &device), "making a device");
@@ -196,10 +201,11 @@ Image Gpu::make_image(VkFormat format, std::uint32_t width, std::uint32_t height
   ends_.insert(ends_.end() - 1, [this, memory] { vkFreeMemory(device, memory, nullptr); });
   must(vkBindImageMemory(device, out.image, memory, 0), "binding an image");
   out.view = make_view(out.image, format, aspect);
+  at_end([this, view = out.view] { vkDestroyImageView(device, view, nullptr); });
   return out;
 }
 
-VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) {
+VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const {
   VkImageViewCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO;
   info.image = image;
@@ -208,7 +214,6 @@ VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags as
   info.subresourceRange = {aspect, 0, 1, 0, 1};
   VkImageView view = VK_NULL_HANDLE;
   must(vkCreateImageView(device, &info, nullptr, &view), "making an image view");
-  at_end([this, view] { vkDestroyImageView(device, view, nullptr); });
   return view;
 }
 
@@ -281,6 +286,9 @@ std::vector<std::uint8_t> Gpu::read(const Image& image, VkImageLayout layout) {
   must(vkMapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping a buffer");
   const auto* from = static_cast<const std::uint8_t*>(mapped);
   std::vector<std::uint8_t> out(from, from + bytes);
+  if (image.format == VK_FORMAT_B8G8R8A8_UNORM) {
+    for (std::size_t i = 0; i < out.size(); i += 4) std::swap(out[i], out[i + 2]);
+  }
   vkFreeCommandBuffers(device, pool_, 1, &commands);
   vkDestroyBuffer(device, buffer, nullptr);
   vkFreeMemory(device, memory, nullptr);

@@ -59,12 +59,13 @@ class Gpu {
 
   Image make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                    VkImageUsageFlags usage, VkImageAspectFlags aspect);
-  VkImageView make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect);
+  // The caller's to destroy.
+  VkImageView make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const;
   VkSemaphore make_timeline();
   VkShaderModule make_shader(std::span<const std::uint32_t> code);
   VkCommandBuffer make_commands();
-  // The pixels of an image with 4 bytes each, which is in `layout` and stays in it; waits for all
-  // that the queue has to do.
+  // The pixels of an image of RGBA or BGRA, 4 bytes each, red first, which is in `layout` and stays
+  // in it; waits for all that the queue has to do.
   std::vector<std::uint8_t> read(const Image& image, VkImageLayout layout);
   // Called when the device ends, in the opposite order.
   void at_end(std::function<void()> end) { ends_.push_back(std::move(end)); }
