@@ -42,7 +42,7 @@ def headers():
 def constants(text):
     """Names of enumerators and of macros that are numbers; a version is meant to change."""
     names = re.findall(r"\b(STGS_[A-Z0-9_]+) *=", text)
-    names += re.findall(r"^#define (STGS_[A-Z0-9_]+) +\(?[U\d]", text, re.MULTILINE)
+    names += re.findall(r"^#define (STGS_[A-Z0-9_]+) +(?:U?INT64_MAX|\d+)$", text, re.MULTILINE)
     return [name for name in names if not name.startswith("STGS_VERSION_")]
 
 

@@ -168,6 +168,39 @@ class Packages(unittest.TestCase):
         self.assertIn("none", told)
         self.assertNotIn("cannot be loaded", told)
 
+    def test_a_new_users_way_to_a_picture(self):
+        """The commands of the guides' first page, with the packages of its first unpacked."""
+        with open(os.path.join(ARGUMENTS.source, "sdk/docs/README.md"), encoding="utf-8") as file:
+            text = file.read()
+        commands = re.search(r"```sh\n(.*?)```", text, re.DOTALL).group(1).splitlines()
+        self.assertEqual(len(commands), 4)
+        self.assertIn("in four commands", text)
+        installs = commands[0].split()
+        self.assertEqual(installs[:3], ["sudo", "apt", "install"])
+        root = self.at("own")
+        for pattern in installs[3:]:
+            found = glob.glob(os.path.join(self.at("debs"), pattern))
+            self.assertEqual(len(found), 1, pattern)
+            run("dpkg", "-x", found[0], root)
+        work = self.at("work")
+        os.mkdir(work)
+        os.symlink(os.path.join(ARGUMENTS.source, "tests/data/workshop"), f"{work}/capture")
+        library = os.path.dirname(self.find(LIBRARIES + "libstgs.so.0", root)[0])
+        environment = dict(os.environ, LD_LIBRARY_PATH=library,
+                           PATH=f"{root}/usr/bin:{os.environ['PATH']}",
+                           PKG_CONFIG_PATH=f"{library}/pkgconfig")
+        if " prepare" not in run(f"{root}/usr/bin/stgs", "--version"):
+            self.skipTest("needs a build with OpenCV")
+        for command in commands[1:]:
+            if command.startswith("stgs encode"):  # enough to see that it works
+                command += (" --scale 0.25 --frames 0:2 --iterations 5 --held-out 0"
+                            " --max-static-points 1000 --max-dynamic-points 100")
+            run("sh", "-c", command.replace("/usr/share", f"{root}/usr/share"), cwd=work,
+                env=environment)
+        width, height, pixels = read_ppm(f"{work}/picture.ppm")
+        self.assertGreater(min(width, height), 50)
+        self.assertGreater(len(set(pixels)), 20)
+
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()

@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The samples of sdk/docs compile and run, against what is installed.
+
+The ```c blocks of a page, one after another, are one program, which gets a scene; it must succeed,
+and fail on a file that is none. A ```cmake block builds the page's program (as main.c). Links lead to
+pages that are there, and functions, constants and structs that are named are declared.
+"""
+import argparse
+import glob
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+from outside import run
+
+ARGUMENTS = None
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def read(path):
+    with open(path, encoding="utf-8") as file:
+        return file.read()
+
+
+class Docs(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp()
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+        run(ARGUMENTS.fixture, cls.folder)
+        run(ARGUMENTS.cmake, "--install", ARGUMENTS.build, "--prefix", cls.at("prefix"))
+        cls.library = os.path.dirname(glob.glob(cls.at("prefix/**/libstgs.so"), recursive=True)[0])
+        cls.docs = os.path.join(ARGUMENTS.source, "sdk/docs")
+        cls.pages = {os.path.basename(path): read(path)
+                     for path in glob.glob(os.path.join(cls.docs, "*.md"))}
+
+    @classmethod
+    def at(cls, name):
+        return os.path.join(cls.folder, name)
+
+    def blocks(self, page, language):
+        return [text for kind, text in BLOCK.findall(self.pages[page]) if kind == language]
+
+    def build(self, page):
+        """The page's program; None where it has none."""
+        text = "\n".join(self.blocks(page, "c"))
+        if not text:
+            return None
+        source, program = self.at(page + ".c"), self.at(page + ".program")
+        with open(source, "w", encoding="utf-8") as file:
+            file.write(text)
+        run(ARGUMENTS.cc, "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra",
+            "-Werror", source, "-I", self.at("prefix/include"), "-L", self.library, "-lstgs",
+            "-lpthread", f"-Wl,-rpath,{self.library}", "-o", program)
+        return program
+
+    def test_programs_of_the_pages(self):
+        built = 0
+        for page in self.pages:
+            with self.subTest(page):
+                program = self.build(page)
+                if program is None:
+                    continue
+                built += 1
+                self.assertTrue(run(program, self.at("tiny.stgs")) or page == "threading.md")
+                told = subprocess.run([program, self.at("no such file")], capture_output=True,
+                                      text=True, timeout=60, check=False)
+                self.assertEqual(told.returncode, 1, told.stdout + told.stderr)
+        self.assertGreaterEqual(built, 5)
+
+    def test_build_scripts_of_the_pages(self):
+        built = 0
+        for page in self.pages:
+            for script in self.blocks(page, "cmake"):
+                built += 1
+                folder = tempfile.mkdtemp(dir=self.folder)
+                for name, text in ("CMakeLists.txt", script), ("main.c", "\n".join(self.blocks(page, "c"))):
+                    with open(os.path.join(folder, name), "w", encoding="utf-8") as file:
+                        file.write(text)
+                run(ARGUMENTS.cmake, "-S", folder, "-B", f"{folder}/build",
+                    f"-DCMAKE_PREFIX_PATH={self.at('prefix')}", f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}")
+                run(ARGUMENTS.cmake, "--build", f"{folder}/build")
+                run(f"{folder}/build/app", self.at("tiny.stgs"))
+        self.assertGreaterEqual(built, 1)
+
+    def test_every_block_is_of_a_kind_that_is_tried(self):
+        for page, text in self.pages.items():
+            kinds = {kind for kind, _ in BLOCK.findall(text)}
+            self.assertEqual(text.count("\n```"), 2 * len(BLOCK.findall(text)), page)
+            # sh: test_packages.py runs those of README.md.
+            self.assertLessEqual(kinds, {"c", "cmake", "sh"} if page == "README.md" else {"c", "cmake"})
+
+    def test_links_and_names(self):
+        headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
+        declared = set(re.findall(r"\bstgs_\w+|\bSTGS_\w+", headers))
+        for page, text in self.pages.items():
+            for target in re.findall(r"\]\(([^)#:]+)\)", text):
+                self.assertIn(target, self.pages, f"{page} links to {target}")
+            # Without blocks, which a compiler has seen; a name that ends with _ stands for several.
+            prose = BLOCK.sub("", text)
+            for name in re.findall(r"`(stgs_\w+|STGS_\w+)\b", prose):
+                self.assertTrue(name in declared or os.path.exists(
+                    self.at(f"prefix/include/stgs/{name}.h")), f"{page} names {name}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    for argument in ("build", "source", "fixture", "cmake", "cc"):
+        parser.add_argument(f"--{argument}", required=True)
+    ARGUMENTS, rest = parser.parse_known_args()
+    unittest.main(argv=["test_docs.py", *rest])
