@@ -44,20 +44,19 @@ __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach])
   for (Pixel& pixel : pixels) {
     const float dy = pixel.y - s.a.y;
     const float log2 = fminf(s.b.y, fmaf(dy, fmaf(s.b.x, dy, cross), along));
-    if (log2 < pixel.threshold) continue;
+    // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
     const float alpha = fminf(kAlphaMax, exp2_fast(log2));
     const float after = pixel.transmittance * (1.0f - alpha);
-    if (after < kTransmittanceMin) {
-      pixel.threshold = kFinished;
-      continue;
-    }
-    const float weight = alpha * pixel.transmittance;
+    const bool met = log2 >= pixel.threshold, ends = met && after < kTransmittanceMin;
+    const bool drawn = met && !ends;
+    const float weight = drawn ? alpha * pixel.transmittance : 0.0f;
     pixel.red = fmaf(weight, s.c.x, pixel.red);
     pixel.green = fmaf(weight, s.c.y, pixel.green);
     pixel.blue = fmaf(weight, s.c.z, pixel.blue);
     pixel.depth = fmaf(weight, s.c.w, pixel.depth);
-    pixel.transmittance = after;
-    ++contributions;
+    pixel.transmittance = drawn ? after : pixel.transmittance;
+    pixel.threshold = ends ? kFinished : pixel.threshold;
+    contributions += drawn;
   }
   return contributions;
 }

@@ -39,15 +39,14 @@ void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     float dy = first.y + float(k * kStep) - a.y;
     float log2_alpha = min(b.y, fma(dy, fma(b.x, dy, cross_), along));
-    if (log2_alpha < threshold[k]) continue;
     float alpha = min(kAlphaMax, exp2(log2_alpha));
     float after = transmittance[k] * (1.0f - alpha);
-    if (after < kTransmittanceMin) {
-      threshold[k] = kFinished;
-      continue;
-    }
-    sums[k] = fma(vec4(alpha * transmittance[k]), c, sums[k]);
-    transmittance[k] = after;
+    bool drawn = log2_alpha >= threshold[k], ends = drawn && after < kTransmittanceMin;
+    // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
+    drawn = drawn && !ends;
+    sums[k] = fma(vec4(drawn ? alpha * transmittance[k] : 0.0f), c, sums[k]);
+    transmittance[k] = drawn ? after : transmittance[k];
+    threshold[k] = ends ? kFinished : threshold[k];
   }
 }
 

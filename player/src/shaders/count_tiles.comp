@@ -1,23 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// For each splat, nearest first, how many tiles its ellipse meets.
+// How many tiles the ellipses of each workgroup's splats meet; nearest first.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
-// After frame.glsl, on which it builds.
+// After frame.glsl, on which they build.
 #include "footprint.glsl"
+#include "scan.glsl"
+#include "tile_rows.glsl"
 
 layout(local_size_x = 256) in;
-layout(std430, set = 1, binding = 1) readonly buffer OrderBuffer {
-  uint order[];
-};
 
 void main() {
-  uint rank = group_number() * kGroup + gl_LocalInvocationIndex;
-  if (rank >= visible) return;
-  uint splat = order[rank];
-  Footprint f = footprint_of(splat);
-  uint count = 0u;
-  for (int r = 0; r < f.rows; ++r) count += uint(span_of(f, f.row + r).y);
-  tile_places[rank] = count;
+  uint group = group_number(), thread = gl_LocalInvocationIndex;
+  if (group * kGroup >= visible) return;
+  uint rows = load_rows(group * kGroup, thread), count = 0u, total;
+  for (uint row = thread; row < rows; row += kGroup) count += tiles_of_row(row).count;
+  sum_before(thread, min(count, kManyInstances), total);
+  if (thread == 0u) tile_places[group] = total;
 }

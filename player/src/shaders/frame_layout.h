@@ -65,7 +65,7 @@ struct FrameInput {
 const uint kWorkScanChunks = 0u;  // items: chunks of all views
 const uint kWorkSortDepth = 1u;   // visible splats
 const uint kWorkCountTiles = 2u;  // visible splats
-const uint kWorkScanTiles = 3u;   // visible splats
+const uint kWorkScanTiles = 3u;   // kGroup visible splats each
 const uint kWorkListTiles = 4u;   // visible splats
 const uint kWorkSortTiles = 5u;   // listed instances
 const uint kWorkFindRanges = 6u;  // listed instances

@@ -20,7 +20,7 @@ void plan_visible(uint count) {
   visible = count;
   work[kWorkSortDepth] = work_for(count, kSortTile);
   work[kWorkCountTiles] = work_for(count, kGroup);
-  work[kWorkScanTiles] = work_for(count, kScanTile);
+  work[kWorkScanTiles] = work_for((count + kGroup - 1u) / kGroup, kScanTile);
 }
 
 void plan_instances(uint count) {
