@@ -88,7 +88,27 @@ struct Calls {
     if (stgs_scene_get_text(scene, argument % 4, &text) == STGS_OK) {
       require(text != nullptr, "a text is one");
     }
+    (void)list(argument);
     return stgs_scene_get_info(scene, &info);
+  }
+
+  // The primitives of a moment, into room for a few.
+  stgs_result list(std::uint8_t argument) {
+    const std::size_t room = argument % 16;
+    std::vector<float> opacity(room);
+    std::vector<float> position(3 * room);
+    stgs_primitives primitives;
+    stgs_primitives_defaults(&primitives, sizeof primitives);
+    primitives.capacity = room;
+    primitives.opacity = opacity.data();
+    primitives.position = position.data();
+    std::uint64_t count = 0;
+    const stgs_result result =
+        stgs_scene_get_primitives(scene, number(argument / 16), &primitives, &count);
+    for (std::size_t i = 0; result == STGS_OK && i < std::min<std::size_t>(count, room); ++i) {
+      require(opacity[i] > 0 && opacity[i] <= 1, "what is listed is seen");
+    }
+    return result;
   }
 
   stgs_result draw(std::uint8_t argument, std::uint8_t next) {

@@ -174,6 +174,29 @@ typedef struct stgs_issue {
 /* `index` from 0 to stgs_scene_info.issues - 1. issue->struct_size is set by the caller. */
 STGS_API stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* issue);
 
+/* The caller's arrays for primitives of a moment, apart from each other; NULL: not wanted. */
+typedef struct stgs_primitives {
+  size_t struct_size;
+  uint64_t capacity; /* primitives that each array has room for */
+  uint32_t* id;      /* number in the file, counted in the order of the segments */
+  float* position;   /* 3 each: x, y, z at the moment, scene units */
+  float* velocity;   /* 3 each: scene units a second */
+  float* scale;      /* 3 each: standard deviations along the primitive's axes, scene units */
+  float* rotation;   /* 4 each: of its axes, unit quaternion w, x, y, z */
+  float* opacity;    /* 1 each: at the moment, 1/255 to 1 */
+  float* sh;         /* 3 (stgs_scene_info.sh_degree + 1)^2 each: a coefficient's red, green and
+                      * blue, then the next; in basis and order of 3D Gaussian Splatting */
+} stgs_primitives;
+
+/* Nothing wanted. `struct_size` is sizeof(*primitives). */
+STGS_API stgs_result stgs_primitives_defaults(stgs_primitives* primitives, size_t struct_size);
+/* The primitives that are seen at the moment `seconds`, which may lie outside the clip, in the
+ * order of the file: *count is how many there are, and as many of them as fit are in the arrays.
+ * `primitives` may be NULL, to count. After an error the arrays may have any content.
+ * STGS_ERROR_LIMIT as of stgs_render. */
+STGS_API stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
+                                               const stgs_primitives* primitives, uint64_t* count);
+
 /* --- Drawing --- */
 
 typedef struct stgs_renderer stgs_renderer;

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// The primitives of a moment, for applications that draw or measure them by themselves.
+#include <algorithm>
+#include <cmath>
+
+#include "scene.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+stgs_primitives default_primitives() {
+  stgs_primitives primitives{};
+  primitives.struct_size = sizeof(primitives);
+  return primitives;
+}
+
+// Writes primitives one after the other, as long as there is room, and counts all.
+class Writer {
+ public:
+  Writer(const stgs_primitives& to, int sh_degree, double ticks_a_second)
+      : to_(to),
+        sh_floats_(static_cast<std::size_t>(3 * (sh_degree + 1) * (sh_degree + 1))),
+        ticks_a_second_(static_cast<float>(ticks_a_second)) {}
+
+  std::uint64_t count() const { return count_; }
+
+  // `age` is the moment less the primitive's centre in time, ticks.
+  void add(const stgs::Gaussians4D& set, std::size_t i, std::uint32_t id, float age,
+           float opacity) {
+    const std::size_t at = count_++;
+    if (at >= to_.capacity) return;
+    if (to_.id != nullptr) to_.id[at] = id;
+    if (to_.opacity != nullptr) to_.opacity[at] = opacity;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float velocity = set.velocity[3 * i + c];
+      if (to_.position != nullptr)
+        to_.position[3 * at + c] = set.position[3 * i + c] + velocity * age;
+      if (to_.velocity != nullptr) to_.velocity[3 * at + c] = velocity * ticks_a_second_;
+      if (to_.scale != nullptr) to_.scale[3 * at + c] = std::exp(set.log_scale[3 * i + c]);
+    }
+    if (to_.rotation != nullptr) add_rotation(&set.rotation[4 * i], to_.rotation + 4 * at);
+    if (to_.sh != nullptr) add_sh(set, i, to_.sh + sh_floats_ * at);
+  }
+
+ private:
+  static void add_rotation(const float* q, float* out) {
+    // In double: a quaternion may have any length but 0.
+    const double length = std::sqrt(double{q[0]} * q[0] + double{q[1]} * q[1] +
+                                    double{q[2]} * q[2] + double{q[3]} * q[3]);
+    for (int c = 0; c < 4; ++c) out[c] = static_cast<float>(q[c] / length);
+  }
+
+  // A set of which not all harmonics have come has fewer than the file; the rest is 0.
+  void add_sh(const stgs::Gaussians4D& set, std::size_t i, float* out) const {
+    const auto floats = static_cast<std::size_t>(3 * set.sh_coefficients());
+    const std::size_t there = std::min(floats, sh_floats_);
+    std::copy_n(set.sh.begin() + static_cast<std::ptrdiff_t>(floats * i), there, out);
+    std::fill(out + there, out + sh_floats_, 0.0f);
+  }
+
+  const stgs_primitives& to_;
+  std::size_t sh_floats_;
+  float ticks_a_second_;
+  std::uint64_t count_ = 0;
+};
+
+void add_seen(const stgs::player::Timeline::Active::Part& part, Writer& writer) {
+  const stgs::Gaussians4D& set = *part.set;
+  for (const std::uint32_t i : *part.candidates) {
+    const auto age = static_cast<float>(part.ticks - set.time[i]);
+    const float opacity = stgs::math::opacity_of(set.opacity_logit[i]) *
+                          stgs::math::visibility(age, set.sigma[i], set.radius[i]);
+    if (opacity < stgs::math::kAlphaThreshold) continue;
+    writer.add(set, i, part.id_base + i, age, opacity);
+  }
+}
+
+}  // namespace
+
+extern "C" {
+
+stgs_result stgs_primitives_defaults(stgs_primitives* primitives, size_t struct_size) {
+  return stgs::sdk::put_defaults(primitives, struct_size, default_primitives());
+}
+
+stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
+                                      const stgs_primitives* primitives, uint64_t* count) {
+  return guarded(scene, [&]() -> Outcome {
+    STGS_SDK_TRY(scene->check_open());
+    const stgs_primitives none = default_primitives();
+    if (primitives == nullptr) primitives = &none;
+    STGS_SDK_TRY(stgs::sdk::check_struct(primitives, "primitives"));
+    if (count == nullptr) return {STGS_ERROR_ARGUMENT, "count is NULL"};
+    if (!std::isfinite(seconds)) {
+      return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
+    }
+    STGS_SDK_TRY(scene->check_memory(seconds));
+    stgs::player::Timeline& timeline = *scene->timeline;
+    const auto active = timeline.at(seconds);
+    scene->tell_losses();
+    if (!active.ok()) return active.status();
+    Writer writer(*primitives, timeline.reader().sh_degree(),
+                  1.0 / timeline.metadata().time_base.seconds(1.0));
+    for (const auto& part : active->parts) add_seen(part, writer);
+    *count = writer.count();
+    return {};
+  });
+}
+
+}  // extern "C"

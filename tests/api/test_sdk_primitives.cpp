@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// The primitives of a moment through the C interface.
+#include <cmath>
+#include <limits>
+
+#include "sdk_fixture.h"
+#include "stgs/format/interchange.h"
+#include "stgs/format/math/blend.h"
+
+namespace stgs::testing {
+namespace {
+
+constexpr double kMoment = 0.4;  // 12 ticks of the file's 30 a second
+
+stgs_primitives nothing() {
+  stgs_primitives primitives;
+  REQUIRE(stgs_primitives_defaults(&primitives, sizeof primitives) == STGS_OK);
+  return primitives;
+}
+
+// Room for `n` primitives of degree 1, and the struct that leads there.
+struct Arrays {
+  std::vector<std::uint32_t> id;
+  std::vector<float> position, velocity, scale, rotation, opacity, sh;
+
+  explicit Arrays(std::size_t n)
+      : id(n, 77),
+        position(3 * n),
+        velocity(3 * n),
+        scale(3 * n),
+        rotation(4 * n),
+        opacity(n, -1),
+        sh(12 * n) {}
+
+  stgs_primitives wanted(std::uint64_t capacity) {
+    stgs_primitives out = nothing();
+    out.capacity = capacity;
+    out.id = id.data();
+    out.position = position.data();
+    out.velocity = velocity.data();
+    out.scale = scale.data();
+    out.rotation = rotation.data();
+    out.opacity = opacity.data();
+    out.sh = sh.data();
+    return out;
+  }
+};
+
+std::uint64_t count_of(stgs_scene* scene, double seconds) {
+  std::uint64_t count = 0;
+  REQUIRE(stgs_scene_get_primitives(scene, seconds, nullptr, &count) == STGS_OK);
+  return count;
+}
+
+}  // namespace
+
+TEST_CASE("the primitives of a moment are those that are seen then", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  auto read = read_scene(memory_source(file));
+  REQUIRE(read.ok());
+  const Gaussians4D& all = read->gaussians;
+  auto expected = at_moment(*read, 30 * kMoment);
+  REQUIRE(expected.ok());
+  const std::uint64_t count = count_of(scene.get(), kMoment);
+  REQUIRE(count == expected->size());
+  REQUIRE(count > 50);
+  REQUIRE(count < all.size());
+
+  Arrays got(count);
+  const stgs_primitives wanted = got.wanted(count);
+  std::uint64_t again = 0;
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &wanted, &again) == STGS_OK);
+  CHECK(again == count);
+  float farthest = 0, lengths = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    REQUIRE(got.id[i] < all.size());
+    REQUIRE((i == 0 || got.id[i] > got.id[i - 1]));
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::size_t at = 3 * i + c, stored = std::size_t{3} * got.id[i] + c;
+      farthest = std::max(farthest, std::abs(got.position[at] - expected->position[at]));
+      farthest = std::max(farthest, std::abs(got.velocity[at] - 30 * all.velocity[stored]));
+      farthest = std::max(farthest, std::abs(std::log(got.scale[at]) - all.log_scale[stored]));
+    }
+    farthest =
+        std::max(farthest, std::abs(got.opacity[i] - math::opacity_of(expected->opacity_logit[i])));
+    float length = 0, aligned = 0, stored_length = 0;
+    for (std::size_t c = 0; c < 4; ++c) {
+      const float stored = all.rotation[4 * got.id[i] + c];
+      length += got.rotation[4 * i + c] * got.rotation[4 * i + c];
+      aligned += got.rotation[4 * i + c] * stored;
+      stored_length += stored * stored;
+    }
+    lengths = std::max(lengths, std::abs(length - 1));
+    farthest = std::max(farthest, std::abs(aligned / std::sqrt(stored_length) - 1));
+  }
+  CHECK(farthest < 1e-5f);
+  CHECK(lengths < 1e-6f);
+  CHECK(got.sh == expected->sh);
+}
+
+TEST_CASE("arrays get as many primitives as they have room for", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const std::uint64_t count = count_of(scene.get(), kMoment);
+  Arrays whole(count), part(count);
+  const stgs_primitives all = whole.wanted(count), some = part.wanted(count / 2);
+  std::uint64_t told = 0;
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &all, &told) == STGS_OK);
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &some, &told) == STGS_OK);
+  CHECK(told == count);
+  CHECK(std::equal(part.position.begin(), part.position.begin() + 3 * (count / 2),
+                   whole.position.begin()));
+  CHECK(part.id[count / 2] == 77);
+  CHECK(part.opacity[count / 2] == -1);
+
+  stgs_primitives alone = nothing();
+  Arrays only(count);
+  alone.capacity = count;
+  alone.opacity = only.opacity.data();
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &alone, &told) == STGS_OK);
+  CHECK(only.opacity == whole.opacity);
+  CHECK(only.id[0] == 77);
+}
+
+TEST_CASE("asking for primitives with wrong arguments changes nothing", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file), closed = make_scene();
+  std::uint64_t count = 5;
+  stgs_primitives primitives = nothing();
+  CHECK(stgs_scene_get_primitives(nullptr, 0, nullptr, &count) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_get_primitives(closed.get(), 0, nullptr, &count) == STGS_ERROR_STATE);
+  CHECK(stgs_scene_get_primitives(scene.get(), 0, nullptr, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_get_primitives(scene.get(), std::numeric_limits<double>::quiet_NaN(), nullptr,
+                                  &count) == STGS_ERROR_ARGUMENT);
+  primitives.struct_size -= 1;
+  CHECK(stgs_scene_get_primitives(scene.get(), 0, &primitives, &count) == STGS_ERROR_STRUCT_SIZE);
+  CHECK(count == 5);
+  CHECK(stgs_primitives_defaults(nullptr, sizeof primitives) == STGS_ERROR_ARGUMENT);
+}
+
+}  // namespace stgs::testing
