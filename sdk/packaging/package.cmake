@@ -9,8 +9,12 @@ set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libstgs-dev)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME stgs)
 set(CPACK_DEBIAN_MPI_PACKAGE_NAME stgs-mpi)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-stgs)
 if(STGS_HAS_MPI)
   list(APPEND packages mpi)
+endif()
+if(STGS_HAS_PYTHON)
+  list(APPEND packages python)
 endif()
 
 # The first line of a description is its synopsis; CPack would put the project's before it.
@@ -27,14 +31,23 @@ The program stgs turns synchronised multi-view video into one .stgs file of 4D
 Gaussians, and shows, draws, measures, checks and converts such files.")
 set(CPACK_COMPONENT_MPI_DESCRIPTION "streaming 4D Gaussian video - training with several processes
 What the program stgs loads where mpirun or srun has started it.")
+set(CPACK_COMPONENT_PYTHON_DESCRIPTION "player of streaming 4D Gaussian video - Python module
+Opens .stgs scenes, draws them into numpy's arrays and lists their primitives.")
 
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION video)
 set(CPACK_DEBIAN_MPI_PACKAGE_SECTION video)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 set(same_version "(= ${PROJECT_VERSION}-1)")
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "libstgs0 ${same_version}")
 set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "stgs ${same_version}")
+if(STGS_HAS_PYTHON)
+  # An extension is for one minor version of Python.
+  math(EXPR next_minor "${Python_VERSION_MINOR} + 1")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "libstgs0 ${same_version}, python3-numpy, \
+python3 (>= 3.${Python_VERSION_MINOR}~), python3 (<< 3.${next_minor})")
+endif()
 # What is loaded at run time, or run. A Vulkan driver is a matter of the machine.
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
@@ -69,6 +82,7 @@ set(CPACK_COMPONENTS_ALL ${packages})
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR}/sdk)  # of the Python module
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
     OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 
@@ -78,6 +92,7 @@ set(compiled_into_runtime libvulkan-volk-dev)
 set(compiled_into_dev libvulkan-volk-dev)
 set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev libeigen3-dev
     libnanoflann-dev libstb-dev libimgui-dev)
+set(compiled_into_python pybind11-dev)
 find_program(GZIP_PROGRAM gzip)
 configure_file(sdk/packaging/copyright.in ${documents}/copyright @ONLY)
 string(TIMESTAMP STGS_PACKAGE_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)

@@ -32,6 +32,7 @@ CONTENTS = {
              "usr/share/man/man1/stgs.1.gz", "usr/share/man/man1/stgs-render.1.gz",
              LIBRARIES + "cmake/stgs/stgs-tools.cmake"],
     "stgs-mpi": [LIBRARIES + "stgs/stgs_mpi.so"],
+    "python3-stgs": ["usr/lib/python3/dist-packages/stgs.*.so"],
 }
 
 
@@ -63,8 +64,10 @@ class Packages(unittest.TestCase):
         return glob.glob(os.path.join(self.at(root), pattern), recursive=True)
 
     def test_there_is_a_package_for_each_use(self):
-        with_mpi = bool(glob.glob(os.path.join(ARGUMENTS.build, "bin/stgs_mpi.so")))
-        self.assertEqual(set(self.packages), set(CONTENTS) - (set() if with_mpi else {"stgs-mpi"}))
+        needs = {"stgs-mpi": "bin/stgs_mpi.so", "python3-stgs": "python/stgs.*.so"}
+        left_out = {name for name, file in needs.items()
+                    if not glob.glob(os.path.join(ARGUMENTS.build, file))}
+        self.assertEqual(set(self.packages), set(CONTENTS) - left_out)
         for name, path in self.packages.items():
             version, architecture = field(path, "Version"), field(path, "Architecture")
             self.assertEqual(version, ARGUMENTS.version + "-1")
@@ -109,6 +112,9 @@ class Packages(unittest.TestCase):
         if "stgs-mpi" in needs:
             self.assertTrue({word for word in needs["stgs-mpi"] if "libopenmpi" in word
                              or "libmpich" in word}, needs["stgs-mpi"])
+        if "python3-stgs" in needs:
+            self.assertIn(exactly, field(self.packages["python3-stgs"], "Depends"))
+            self.assertLessEqual({"python3", "python3-numpy"}, needs["python3-stgs"])
         run("dpkg-deb", "-e", self.packages["libstgs0"], self.at("control"))
         with open(self.at("control/shlibs"), encoding="utf-8") as file:
             self.assertEqual(file.read(), f"libstgs 0 {exactly}\n")

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <pybind11/stl.h>
+
+#include "classes.h"
+
+namespace stgs::python {
+namespace {
+
+using Floats = py::array_t<float>;
+
+// What stgs_scene_get_primitives fills.
+struct Primitives {
+  py::array_t<std::uint32_t> id;
+  Floats position, velocity, scale, rotation, opacity, sh;
+};
+
+// N rows of that many floats, in memory of numpy's.
+Floats rows(std::uint64_t n, py::ssize_t columns) {
+  return Floats({static_cast<py::ssize_t>(n), columns});
+}
+
+stgs_scene_info info_of(Scene& scene) {
+  auto info = sized<stgs_scene_info>();
+  scene.run([&](stgs_scene* s) { return stgs_scene_get_info(s, &info); });
+  return info;
+}
+
+std::string text_of(Scene& scene, stgs_text which) {
+  const char* text = nullptr;
+  scene.run([&](stgs_scene* s) { return stgs_scene_get_text(s, which, &text); });
+  return text;
+}
+
+std::vector<py::dict> issues_of(Scene& scene) {
+  std::vector<py::dict> out;
+  const std::uint32_t count = info_of(scene).issues;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    auto issue = sized<stgs_issue>();
+    scene.run([&](stgs_scene* s) { return stgs_scene_get_issue(s, i, &issue); });
+    out.push_back(py::dict(py::arg("number") = issue.number,
+                           py::arg("is_error") = issue.is_error != 0,
+                           py::arg("offset") = issue.offset, py::arg("message") = issue.message));
+  }
+  return out;
+}
+
+View start_view(Scene& scene) {
+  View out;
+  out.view = sized<stgs_view>();
+  scene.run([&](stgs_scene* s) { return stgs_scene_start_view(s, &out.view); });
+  return out;
+}
+
+Primitives primitives_at(Scene& scene, double seconds) {
+  const int degree = info_of(scene).sh_degree;
+  std::uint64_t count = 0, room = 0;
+  Primitives out;
+  // Again where more has come meanwhile, or another thread has been there.
+  do {
+    scene.run([&](stgs_scene* s) { return stgs_scene_get_primitives(s, seconds, nullptr, &room); });
+    out = {py::array_t<std::uint32_t>(static_cast<py::ssize_t>(room)),
+           rows(room, 3),
+           rows(room, 3),
+           rows(room, 3),
+           rows(room, 4),
+           Floats(static_cast<py::ssize_t>(room)),
+           Floats({static_cast<py::ssize_t>(room), py::ssize_t{degree + 1} * (degree + 1),
+                   py::ssize_t{3}})};
+    auto arrays = sized<stgs_primitives>();
+    arrays.capacity = room;
+    arrays.id = out.id.mutable_data();
+    arrays.position = out.position.mutable_data();
+    arrays.velocity = out.velocity.mutable_data();
+    arrays.scale = out.scale.mutable_data();
+    arrays.rotation = out.rotation.mutable_data();
+    arrays.opacity = out.opacity.mutable_data();
+    arrays.sh = out.sh.mutable_data();
+    scene.run(
+        [&](stgs_scene* s) { return stgs_scene_get_primitives(s, seconds, &arrays, &count); });
+  } while (count != room);
+  return out;
+}
+
+std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_t> max_memory,
+                            std::optional<std::uint64_t> max_file_bytes,
+                            std::optional<std::uint64_t> max_primitives, bool refuse_damage) {
+  stgs_scene_settings settings;
+  stgs_scene_settings_defaults(&settings, sizeof settings);
+  settings.max_memory = max_memory.value_or(settings.max_memory);
+  settings.max_file_bytes = max_file_bytes.value_or(settings.max_file_bytes);
+  settings.max_primitives = max_primitives.value_or(settings.max_primitives);
+  settings.refuse_damage = refuse_damage ? 1 : 0;
+  return std::make_unique<Scene>(source, settings);
+}
+
+template <std::size_t N>
+std::vector<float> list_of(const float (&values)[N]) {
+  return {values, values + N};
+}
+
+void declare_info(py::module_& module) {
+  using Info = stgs_scene_info;
+  py::class_<Info>(module, "SceneInfo", "What a scene's file says; see stgs_scene_info in stgs.h.")
+      .def_property_readonly(
+          "format", [](const Info& i) { return py::make_tuple(i.format_major, i.format_minor); })
+      .def_readonly("frames", &Info::frames)
+      .def_property_readonly(
+          "fps",
+          [](const Info& i) { return double(i.time_base_denominator) / i.time_base_numerator; })
+      .def_readonly("duration_seconds", &Info::duration_seconds)
+      .def_readonly("complete_seconds", &Info::complete_seconds)
+      .def_readonly("primitives", &Info::primitives)
+      .def_readonly("file_bytes", &Info::file_bytes)
+      .def_readonly("memory_bytes", &Info::memory_bytes)
+      .def_readonly("sh_degree", &Info::sh_degree)
+      .def_property_readonly("has_start_camera",
+                             [](const Info& i) { return i.has_start_camera != 0; })
+      .def_property_readonly("bounds_min", [](const Info& i) { return list_of(i.bounds_min); })
+      .def_property_readonly("bounds_max", [](const Info& i) { return list_of(i.bounds_max); })
+      .def_readonly("metres_per_unit", &Info::metres_per_unit)
+      .def_property_readonly("up", [](const Info& i) { return list_of(i.up); })
+      .def_property_readonly("floor", [](const Info& i) { return list_of(i.floor); });
+}
+
+void declare_primitives(py::module_& module) {
+  py::class_<Primitives>(module, "Primitives",
+                         "The primitives that are seen at a moment: numpy arrays, a row each.")
+      .def("__len__", [](const Primitives& p) { return p.id.size(); })
+      .def_readonly("id", &Primitives::id, "(N,) number in the file")
+      .def_readonly("position", &Primitives::position, "(N, 3) scene units")
+      .def_readonly("velocity", &Primitives::velocity, "(N, 3) scene units a second")
+      .def_readonly("scale", &Primitives::scale, "(N, 3) standard deviations, scene units")
+      .def_readonly("rotation", &Primitives::rotation, "(N, 4) unit quaternions w, x, y, z")
+      .def_readonly("opacity", &Primitives::opacity, "(N,) at the moment, 1/255 to 1")
+      .def_readonly("sh", &Primitives::sh, "(N, (sh_degree + 1)^2, 3) coefficients of colour");
+}
+
+}  // namespace
+
+Scene::Scene(const py::object& source, const stgs_scene_settings& settings) {
+  stgs_scene_settings own = settings;
+  own.log = Log::take;
+  own.log_user = &log_;
+  stgs_scene* made = nullptr;
+  if (const stgs_result result = stgs_scene_create(&own, &made); result != STGS_OK)
+    throw Failure(result, "these limits are none");
+  scene_.reset(made);
+  if (PyObject_CheckBuffer(source.ptr()) != 0) {
+    borrowed_ = py::reinterpret_borrow<py::buffer>(source).request();
+    const auto bytes = static_cast<std::size_t>(borrowed_.size * borrowed_.itemsize);
+    if (PyBuffer_IsContiguous(borrowed_.view(), 'C') == 0)
+      throw py::buffer_error("a scene's bytes must lie side by side");
+    run([&](stgs_scene* s) { return stgs_scene_open_memory(s, borrowed_.ptr, bytes); });
+    return;
+  }
+  const auto place = py::module_::import("os").attr("fspath")(source).cast<std::string>();
+  run([&](stgs_scene* s) { return stgs_scene_open(s, place.c_str()); });
+}
+
+void declare_scene(py::module_& module) {
+  declare_info(module);
+  declare_primitives(module);
+  py::class_<Scene>(module, "Scene",
+                    "An open scene. `source` is a path, a URL, or bytes of a file (bytes, "
+                    "bytearray, memoryview, mmap), which are not copied and must not change.")
+      .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("max_memory") = py::none(),
+           py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
+           py::arg("refuse_damage") = false)
+      .def_property_readonly("info", &info_of)
+      .def_property_readonly("title", [](Scene& s) { return text_of(s, STGS_TEXT_TITLE); })
+      .def_property_readonly("generator", [](Scene& s) { return text_of(s, STGS_TEXT_GENERATOR); })
+      .def_property_readonly("sound", [](Scene& s) { return text_of(s, STGS_TEXT_SOUND); })
+      .def_property_readonly("issues", &issues_of,
+                             "What was wrong with the file when it was opened: dicts.")
+      .def("start_view", &start_view, "The camera that the file has to start with.")
+      .def("primitives", &primitives_at, py::arg("seconds"),
+           "The primitives that are seen at a moment, as numpy arrays.");
+}
+
+}  // namespace stgs::python

@@ -1,0 +1,243 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The Python module: scenes, pictures in numpy's memory, primitives, errors, threads.
+
+usage: test_python.py FIXTURE_PROGRAM STGS [unittest arguments], with the module on PYTHONPATH
+"""
+import copy
+import gc
+import logging
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+import numpy as np
+
+import stgs
+
+FIXTURE_PROGRAM, STGS = sys.argv[1:3]
+FOLDER = tempfile.mkdtemp()
+
+
+def path(name):
+    return os.path.join(FOLDER, name)
+
+
+def content(name):
+    with open(path(name), "rb") as file:
+        return file.read()
+
+
+class Scenes(unittest.TestCase):
+    def fails(self, name, call):
+        with self.assertRaises(stgs.Error) as caught:
+            call()
+        self.assertEqual(caught.exception.name, name)
+        return caught.exception
+
+    def test_what_a_file_says(self):
+        scene = stgs.Scene(path("tiny.stgs"))
+        info = scene.info
+        self.assertEqual(scene.title, "fixture")
+        self.assertEqual((info.frames, info.primitives, info.sh_degree), (6, 400, 1))
+        self.assertEqual(info.format[0], 1)
+        self.assertAlmostEqual(info.duration_seconds, 6 / info.fps)
+        self.assertEqual(info.file_bytes, os.path.getsize(path("tiny.stgs")))
+        self.assertTrue(all(low < high for low, high in zip(info.bounds_min, info.bounds_max)))
+        self.assertEqual(scene.issues, [])
+        self.assertTrue(info.has_start_camera)
+
+    def test_bytes_are_borrowed(self):
+        expected = stgs.Scene(path("tiny.stgs")).primitives(0.1).position
+        file = content("tiny.stgs")
+        for source in file, bytearray(file), memoryview(file), np.frombuffer(file, np.uint8):
+            scene = stgs.Scene(source)
+            np.testing.assert_array_equal(scene.primitives(0.1).position, expected)
+        held = bytearray(file)
+        scene = stgs.Scene(held)
+        with self.assertRaises(BufferError):
+            held.clear()  # while the scene has it
+        del scene
+        gc.collect()
+        held.clear()
+        with self.assertRaises(BufferError):
+            stgs.Scene(memoryview(file)[::2])
+
+    def test_errors_have_code_message_and_offset(self):
+        error = self.fails("STGS_ERROR_IO", lambda: stgs.Scene(path("no such file")))
+        self.assertEqual((error.code, error.offset, error.issue), (20, None, 0))
+        self.assertIn("no such file", str(error))
+        error = self.fails("STGS_ERROR_INVALID_FILE",
+                           lambda: stgs.Scene(content("tiny.stgs")[:-1], refuse_damage=True))
+        self.assertGreater(error.issue, 0)
+        self.assertIsInstance(error.offset, int)
+        tiny = path("tiny.stgs")
+        self.fails("STGS_ERROR_LIMIT", lambda: stgs.Scene(tiny, max_primitives=10))
+        self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Scene(tiny, max_memory=1))
+        self.fails("STGS_ERROR_UNSUPPORTED", stgs.Scene(path("no_camera.stgs")).start_view)
+        self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Renderer("paper"))
+        self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Scene(tiny).primitives(math.nan))
+        with self.assertRaises(TypeError):
+            stgs.Scene(5)
+
+    def test_the_log_is_pythons(self):
+        with self.assertLogs("stgs", logging.INFO) as told:
+            stgs.Renderer("cpu")
+        self.assertIn("cpu", told.output[0])
+
+    def test_primitives_are_those_of_the_moment(self):
+        scene = stgs.Scene(path("tiny.stgs"))
+        seen = scene.primitives(0.1)
+        count = len(seen)
+        self.assertTrue(10 < count <= 400)
+        shapes = {"id": (count,), "position": (count, 3), "velocity": (count, 3),
+                  "scale": (count, 3), "rotation": (count, 4), "opacity": (count,),
+                  "sh": (count, 4, 3)}
+        for name, shape in shapes.items():
+            self.assertEqual(getattr(seen, name).shape, shape, name)
+            self.assertTrue(np.isfinite(getattr(seen, name)).all(), name)
+        np.testing.assert_allclose(np.linalg.norm(seen.rotation, axis=1), 1, atol=1e-5)
+        self.assertTrue((seen.opacity >= 1 / 255 - 1e-6).all() and (seen.opacity <= 1).all())
+        self.assertTrue((seen.scale > 0).all())
+        # The same as another program is given.
+        subprocess.run([STGS, "convert", path("tiny.stgs"), path("moment.ply"), "--time", "0.1"],
+                       check=True, capture_output=True)
+        head, body = content("moment.ply").split(b"end_header\n", 1)
+        names = [line.split()[2].decode() for line in head.splitlines()
+                 if line.startswith(b"property float")]
+        table = np.frombuffer(body, "<f4").reshape(-1, len(names))
+        self.assertEqual(len(table), count)
+        columns = [names.index(name) for name in "xyz"]
+        np.testing.assert_allclose(seen.position, table[:, columns], atol=1e-5)
+        # Later, those that are still there have moved as fast as they said.
+        later = scene.primitives(0.1 + 0.01)
+        both, here, there = np.intersect1d(seen.id, later.id, return_indices=True)
+        self.assertGreater(len(both), 10)
+        np.testing.assert_allclose(later.position[there],
+                                   seen.position[here] + 0.01 * seen.velocity[here], atol=1e-4)
+
+
+class Pictures(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.scene = stgs.Scene(path("tiny.stgs"))
+        cls.renderer = stgs.Renderer("cpu")
+        cls.view = cls.scene.start_view()
+
+    def test_a_picture(self):
+        self.assertEqual(self.renderer.backend, "cpu")
+        picture = self.renderer.render(self.scene, 0.1, self.view,
+                                       ["rgba8", "rgb", "alpha", "depth"])
+        self.assertEqual(picture.rgba8.shape, (48, 64, 4))
+        self.assertEqual(picture.rgb.shape, (3, 48, 64))
+        self.assertGreater(len(np.unique(picture.rgba8)), 50)
+        rounded = np.clip(np.moveaxis(picture.rgb, 0, 2), 0, 1) * 255
+        self.assertLess(np.abs(rounded - picture.rgba8[..., :3]).max(), 0.51)
+        self.assertTrue((picture.depth[picture.alpha > 0.5] > self.view.near_plane).all())
+        self.assertTrue((picture.depth[picture.alpha == 0] == 0).all())
+        alone = self.renderer.render(self.scene, 0.1, self.view)
+        np.testing.assert_array_equal(alone.rgba8, picture.rgba8)
+        self.assertIsNone(alone.depth)
+
+    def test_a_view_is_its_own_memory(self):
+        view = copy.copy(self.view)
+        view.background[:] = (0, 1, 0)
+        view.translation[2] = -1e6  # nothing is seen
+        picture = self.renderer.render(self.scene, 0.1, view, ["rgba8"])
+        self.assertTrue((picture.rgba8[..., :3] == (0, 255, 0)).all())
+        self.assertEqual(self.view.background.tolist(), [0, 0, 0])
+        small = self.view.resized(32, 24)
+        self.assertEqual((small.width, small.height, small.fx), (32, 24, self.view.fx / 2))
+        rotation = stgs.View().rotation  # keeps the view, which has no other name
+        gc.collect()
+        np.testing.assert_array_equal(rotation, np.eye(3))
+
+    def test_arrays_of_the_callers(self):
+        expected = self.renderer.render(self.scene, 0.1, self.view, ["rgba8", "depth"])
+        both = np.zeros((48, 130, 4), np.uint8)  # two pictures beside each other, and a seam
+        depth = np.full((48, 64), -1, np.float32)
+        out = [stgs.Picture(rgba8=both[:, :64], depth=depth), stgs.Picture(rgba8=both[:, 66:])]
+        got = self.renderer.render(self.scene, 0.1, [self.view, self.view], out=out)
+        self.assertIs(got[0].depth, depth)
+        np.testing.assert_array_equal(both[:, :64], expected.rgba8)
+        np.testing.assert_array_equal(both[:, 66:], expected.rgba8)
+        self.assertTrue((both[:, 64:66] == 0).all())
+        np.testing.assert_array_equal(depth, expected.depth)
+
+    def test_arrays_that_do_not_fit(self):
+        frozen = np.zeros((48, 64, 4), np.uint8)
+        frozen.flags.writeable = False
+        wrong = [np.zeros((48, 64, 3), np.uint8), np.zeros((47, 64, 4), np.uint8), frozen,
+                 np.zeros((48, 64, 4), np.float32), np.zeros((48, 128, 4), np.uint8)[:, ::2],
+                 np.zeros((48, 64, 4), np.uint8)[::-1], [1, 2]]
+        for array in wrong:
+            with self.assertRaises(ValueError):
+                self.renderer.render(self.scene, 0.1, self.view, out=stgs.Picture(rgba8=array))
+        with self.assertRaises(ValueError):
+            self.renderer.render(self.scene, 0.1, [self.view] * 2, out=[stgs.Picture()])
+        with self.assertRaises(ValueError):
+            self.renderer.render(self.scene, 0.1, self.view, ["colour"])
+
+    def test_calls_that_make_no_sense(self):
+        mirrored = copy.copy(self.view)
+        mirrored.rotation[0] *= -1
+        huge = copy.copy(self.view)
+        huge.width = 1 << 31
+        for view in mirrored, huge, [], [self.view] * 5:
+            with self.assertRaises(stgs.Error) as caught:
+                self.renderer.render(self.scene, 0.1, view)
+            self.assertEqual(caught.exception.name, "STGS_ERROR_ARGUMENT")
+
+    def test_other_threads_run_meanwhile(self):
+        view = self.view.resized(1280, 960)
+        turns, begun, done = [0], threading.Event(), threading.Event()
+
+        def count():
+            begun.set()
+            while not done.is_set():
+                turns[0] += 1
+                time.sleep(0)
+
+        counter = threading.Thread(target=count)
+        counter.start()
+        begun.wait()
+        before = turns[0]
+        self.renderer.render(self.scene, 0.1, view)
+        meanwhile = turns[0] - before
+        done.set()
+        counter.join()
+        # With the interpreter's lock held it would be a turn or two at the call's ends.
+        self.assertGreater(meanwhile, 5)
+
+    def test_objects_may_be_shared_by_threads(self):
+        expected = self.renderer.render(self.scene, 0.1, self.view).rgba8
+        pictures = []
+
+        def draw():
+            for _ in range(5):
+                pictures.append(self.renderer.render(self.scene, 0.1, self.view).rgba8)
+                len(self.scene.primitives(0.1))
+
+        threads = [threading.Thread(target=draw) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(len(pictures), 20)
+        for picture in pictures:
+            np.testing.assert_array_equal(picture, expected)
+
+
+if __name__ == "__main__":
+    try:
+        subprocess.run([FIXTURE_PROGRAM, FOLDER], check=True)
+        program = unittest.main(argv=["test_python.py", *sys.argv[3:]], exit=False)
+    finally:
+        shutil.rmtree(FOLDER)
+    sys.exit(not program.result.wasSuccessful())
