@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scene in a headset: both eyes drawn by one call of STGS into the application's images, laid
-// over its geometry by depth (app/compositor.h) in the runtime's swapchains, at the moment at which
-// they will be seen.
+// over its geometry by depth (app/compositor.h) in the runtime's swapchains. The time at which the
+// display will show a frame is the player's clock; what has not come by then is left out.
 //
-// usage: hello_openxr SCENE.stgs [FRAMES PREFIX [SCALE]]
+// usage: hello_openxr FILE|URL [FRAMES PREFIX [SCALE]]
 //
-// Plays in a loop until the runtime ends the session or FRAMES were drawn, and then writes the last
-// picture of each eye, PREFIX-left.png and PREFIX-right.png. SCALE (1): of the size that the
-// runtime recommends. Exit code 5: there is no OpenXR runtime, headset or Vulkan device for it.
+// Plays the scene in a loop until the runtime ends the session or FRAMES were drawn, and then
+// writes the last picture of each eye, PREFIX-left.png and PREFIX-right.png. SCALE (1): of the size
+// that the runtime recommends. Exit code 5: there is no OpenXR runtime, headset or Vulkan device
+// for it.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -23,27 +24,40 @@
 namespace {
 
 struct Options {
-  const char* scene = nullptr;
+  const char* place = nullptr;
   int frames = 0;  // 0: no end
   std::string prefix;
   float scale = 1;
 };
 
-struct DestroyScene {
-  void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
+struct DestroyPlayer {
+  void operator()(stgs_player* player) const { stgs_player_destroy(player); }
 };
-using Scene = std::unique_ptr<stgs_scene, DestroyScene>;
+using Player = std::unique_ptr<stgs_player, DestroyPlayer>;
 
-Scene open_scene(const char* place, stgs_scene_info& info, stgs_view& start) {
-  stgs_scene* made = nullptr;
-  if (stgs_scene_create(nullptr, &made) != STGS_OK) throw std::runtime_error("no memory");
-  Scene scene(made);
-  app::must(stgs_scene_open(made, place), made);
+// Plays, in a loop; `info` and `start` are what its scene says of itself.
+Player open_player(const char* place, stgs_scene_info& info, stgs_view& start) {
+  stgs_player* made = nullptr;
+  if (stgs_player_create(nullptr, &made) != STGS_OK) throw std::runtime_error("no memory");
+  Player player(made);
+  app::must(stgs_player_open(made, place), made);
+  app::must(stgs_player_wait_open(made), made);
+  app::must(stgs_player_set_loop(made, 1), made);
+  app::must(stgs_player_play(made), made);
+  stgs_scene* const scene = stgs_player_scene(made);
   info.struct_size = sizeof info;
-  app::must(stgs_scene_get_info(made, &info), made);
+  app::must(stgs_scene_get_info(scene, &info), scene);
   start.struct_size = sizeof start;
-  app::must(stgs_scene_start_view(made, &start), made);
-  return scene;
+  app::must(stgs_scene_start_view(scene, &start), scene);
+  return player;
+}
+
+// The moment to draw for a time of the display's.
+double moment_at(stgs_player* player, XrTime time) {
+  stgs_player_status status{};
+  status.struct_size = sizeof status;
+  app::must(stgs_player_update(player, 1e-9 * static_cast<double>(time), &status), player);
+  return status.seconds;
 }
 
 VkExtent2D scaled(VkExtent2D size, float scale) {
@@ -77,7 +91,7 @@ void play(const Options& options) {
   app::Gpu gpu(system.makers());
   stgs_scene_info info{};
   stgs_view start{};
-  const Scene scene = open_scene(options.scene, info, start);
+  const Player player = open_player(options.place, info, start);
   const xr::Anchor anchor = xr::anchor_at(start, info);
   const app::Place place = app::middle_of(info, start);
   const VkExtent2D size = scaled(system.recommended_size(), options.scale);
@@ -93,13 +107,12 @@ void play(const Options& options) {
     const xr::Frame frame = session.begin_frame();
     if (frame.visible) {
       timing.add(frame);
-      const double elapsed = 1e-9 * static_cast<double>(frame.time - timing.first);
       std::vector<stgs_view> views;
       for (const XrView& eye : frame.eyes) {
         views.push_back(xr::eye_view(eye, anchor, start, size.width, size.height));
       }
       const auto images = session.acquire();
-      compositor.draw(scene.get(), std::fmod(elapsed, info.duration_seconds), views,
+      compositor.draw(stgs_player_scene(player.get()), moment_at(player.get(), frame.time), views,
                       {{images[0].image, images[0].view}, {images[1].image, images[1].view}},
                       place);
       if (timing.drawn == options.frames) {
@@ -130,11 +143,11 @@ void play(const Options& options) {
 
 int main(int argc, char** argv) {
   if (argc != 2 && argc != 4 && argc != 5) {
-    std::fprintf(stderr, "usage: hello_openxr SCENE.stgs [FRAMES PREFIX [SCALE]]\n");
+    std::fprintf(stderr, "usage: hello_openxr FILE|URL [FRAMES PREFIX [SCALE]]\n");
     return 1;
   }
   Options options;
-  options.scene = argv[1];
+  options.place = argv[1];
   if (argc > 3) {
     options.frames = std::atoi(argv[2]);
     options.prefix = argv[3];

@@ -200,6 +200,32 @@ TEST_CASE("a frame waits for the application's timeline semaphores and signals t
   CHECK(psnr(before, after) < 50);
 }
 
+TEST_CASE("a player's scene goes into the application's images", "[sdk]") {
+  const auto file = sdk_file();
+  stgs_player* made = nullptr;
+  REQUIRE(stgs_player_create(nullptr, &made) == STGS_OK);
+  const std::unique_ptr<stgs_player, void (*)(stgs_player*)> player(made, stgs_player_destroy);
+  REQUIRE(stgs_player_open_memory(made, file.data(), file.size()) == STGS_OK);
+  REQUIRE(stgs_player_wait_open(made) == STGS_OK);
+  REQUIRE(stgs_player_seek(made, kMoment) == STGS_OK);
+  stgs_player_status status{};
+  status.struct_size = sizeof status;
+  for (double now = 0; status.settled == 0; now += 0.01) {
+    REQUIRE(stgs_player_update(made, now, &status) == STGS_OK);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  const RendererPtr renderer = renderer_on(device_of(host()));
+  stgs_scene* const scene = stgs_player_scene(made);
+  const stgs_view view = start_view(scene);
+  const HostImage image = rgba8_of(host(), view);
+  const stgs_vulkan_target target = into(image);
+  const stgs_vulkan_frame frame = frame_of(&view, &target, 1);
+  REQUIRE(stgs_vulkan_submit(renderer.get(), scene, status.seconds, &frame, nullptr) == STGS_OK);
+  REQUIRE(stgs_vulkan_wait(renderer.get()) == STGS_OK);
+  const ScenePtr whole = open_scene(file);
+  CHECK(psnr_of(whole.get(), kMoment, view, host(), image) >= 50);
+}
+
 TEST_CASE("without timeline semaphores a device draws, and its application waits", "[sdk]") {
   const auto other = VulkanHost::make(false);
   const auto file = sdk_file();

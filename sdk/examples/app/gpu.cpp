@@ -63,6 +63,14 @@ void must(stgs_result result, stgs_scene* scene) {
   throw std::runtime_error(error.message);
 }
 
+void must(stgs_result result, stgs_player* player) {
+  if (result == STGS_OK) return;
+  stgs_error error{};
+  error.struct_size = sizeof error;
+  stgs_player_error(player, &error);
+  throw std::runtime_error(error.message);
+}
+
 Makers vulkan_makers() {
   return {[](const VkInstanceCreateInfo& info, VkInstance* out) {
             return vkCreateInstance(&info, nullptr, out);

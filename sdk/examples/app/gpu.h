@@ -23,6 +23,7 @@ struct Unsupported : std::runtime_error {
 void must(VkResult result, const char* what);
 void must(stgs_result result, stgs_renderer* renderer);
 void must(stgs_result result, stgs_scene* scene);
+void must(stgs_result result, stgs_player* player);
 
 // Who makes the instance and the device: Vulkan itself, or OpenXR, which adds what it needs.
 struct Makers {

@@ -127,12 +127,13 @@ STGS_API stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t
  * `number` is not NULL, counts the renderer's frames from 1 on. It does wait for earlier frames,
  * and so for their semaphores, where STGS_VULKAN_FRAMES_ON_THE_WAY are on their way, where buffers
  * must grow, and where much of the scene is sent first: what those wait for must be signalled
- * without this thread. Uses the scene as well as the renderer: neither may be in another call;
- * afterwards the scene may be closed, and the structs and arrays be reused. After an error nothing
- * was submitted: no semaphore is waited for or signalled, and no image has changed.
- * STGS_ERROR_ARGUMENT: a view, an image or a semaphore; a renderer that stgs_vulkan_renderer_create
- * has not made. STGS_ERROR_UNSUPPORTED: a semaphore with a value where the device has no timeline
- * semaphores, a format that the device cannot copy into. Others: as of stgs_render. */
+ * without this thread. Of a player, draw stgs_player_scene at its status's `seconds`. Uses the
+ * scene as well as the renderer: neither may be in another call; afterwards the scene may be
+ * destroyed, and the structs and arrays be reused. After an error nothing was submitted: no
+ * semaphore is waited for or signalled, and no image has changed. STGS_ERROR_ARGUMENT: a view, an
+ * image or a semaphore; a renderer that stgs_vulkan_renderer_create has not made.
+ * STGS_ERROR_UNSUPPORTED: a semaphore with a value where the device has no timeline semaphores, a
+ * format that the device cannot copy into. Others: as of stgs_render. */
 STGS_API stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                         const stgs_vulkan_frame* frame, uint64_t* number);
 
