@@ -35,20 +35,6 @@ Outcome make_backend(stgs_renderer& renderer, stgs_backend backend) {
   return {};
 }
 
-Outcome check_call(const stgs_scene* scene, double seconds, const stgs_view* views,
-                   const stgs_picture* pictures, std::uint32_t count) {
-  STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
-  STGS_SDK_TRY(stgs::sdk::check_view_count(count));
-  if (views == nullptr || pictures == nullptr) {
-    return {STGS_ERROR_ARGUMENT, "views or pictures are NULL"};
-  }
-  for (std::uint32_t i = 0; i < count; ++i) {
-    STGS_SDK_TRY(stgs::sdk::check_view(views[i]));
-    STGS_SDK_TRY(stgs::sdk::check_picture(pictures[i], views[i].width, views[i].height));
-  }
-  return {};
-}
-
 }  // namespace
 
 namespace stgs::sdk {
@@ -87,9 +73,32 @@ Outcome check_view_count(std::uint32_t count) {
           fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
 }
 
+Outcome check_render(const stgs_scene* scene, double seconds, const stgs_view* views,
+                     const stgs_picture* pictures, std::uint32_t count) {
+  STGS_SDK_TRY(check_moment(scene, seconds));
+  STGS_SDK_TRY(check_view_count(count));
+  if (views == nullptr || pictures == nullptr) {
+    return {STGS_ERROR_ARGUMENT, "views or pictures are NULL"};
+  }
+  for (std::uint32_t i = 0; i < count; ++i) {
+    STGS_SDK_TRY(check_view(views[i]));
+    STGS_SDK_TRY(check_picture(pictures[i], views[i].width, views[i].height));
+  }
+  return {};
+}
+
 void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
   renderer.views.clear();
   for (std::uint32_t i = 0; i < count; ++i) renderer.views.push_back(view_of(views[i]));
+}
+
+Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds, const stgs_view* views,
+             std::uint32_t count) {
+  STGS_SDK_TRY(scene.check_memory(seconds));
+  take_views(renderer, views, count);
+  const Status drawn = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
+  scene.tell_losses();
+  return drawn;
 }
 
 }  // namespace stgs::sdk
@@ -126,13 +135,9 @@ stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out
 stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                         const stgs_view* views, const stgs_picture* pictures, uint32_t count) {
   return guarded(renderer, [&]() -> Outcome {
-    STGS_SDK_TRY(check_call(scene, seconds, views, pictures, count));
-    STGS_SDK_TRY(scene->check_memory(seconds));
-    stgs::sdk::take_views(*renderer, views, count);
-    const stgs::Status drawn = renderer->backend->render(*scene->timeline, seconds, renderer->views,
-                                                         renderer->frames, nullptr);
-    scene->tell_losses();
-    STGS_SDK_TRY(drawn);
+    STGS_SDK_TRY(stgs::sdk::check_render(scene, seconds, views, pictures, count));
+    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds, views, count));
+    STGS_SDK_TRY(renderer->backend->read(renderer->frames));
     for (std::uint32_t i = 0; i < count; ++i) {
       stgs::sdk::write_picture(renderer->frames[i], pictures[i]);
     }

@@ -30,7 +30,13 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
 // A scene to draw, a moment and a number of views are such that can be drawn.
 Outcome check_moment(const stgs_scene* scene, double seconds);
 Outcome check_view_count(std::uint32_t count);
+// The arguments of a call that draws into pictures.
+Outcome check_render(const stgs_scene* scene, double seconds, const stgs_view* views,
+                     const stgs_picture* pictures, std::uint32_t count);
 // `count` views, which have been checked, into renderer.views.
 void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count);
+// Draws them; the pictures stay in the backend.
+Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds, const stgs_view* views,
+             std::uint32_t count);
 
 }  // namespace stgs::sdk

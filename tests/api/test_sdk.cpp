@@ -8,6 +8,7 @@
 
 #include "sdk_fixture.h"
 #include "stgs/format/raster.h"
+#include "stgs/stgs_cuda.h"
 
 namespace stgs::testing {
 
@@ -176,6 +177,22 @@ TEST_CASE("two threads draw two scenes at once", "[sdk]") {
   other.join();
   CHECK(wrong[0] == 0);
   CHECK(wrong[1] == 0);
+}
+
+TEST_CASE("a renderer without a CUDA device does not draw into its memory", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const RendererPtr renderer = cpu_renderer();
+  const stgs_view view = start_view(scene.get());
+  std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
+  stgs_picture picture = empty_picture();
+  picture.rgba8 = {pixels.data(), 0, pixels.size()};
+  CHECK(stgs_cuda_render(renderer.get(), scene.get(), 0, &view, &picture, 1, nullptr) ==
+        STGS_ERROR_UNSUPPORTED);
+  CHECK(std::string(error_of(renderer.get()).message).find("STGS_BACKEND_CUDA") !=
+        std::string::npos);
+  CHECK(stgs_cuda_render(nullptr, scene.get(), 0, &view, &picture, 1, nullptr) ==
+        STGS_ERROR_ARGUMENT);
 }
 
 }  // namespace stgs::testing

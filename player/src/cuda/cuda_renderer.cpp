@@ -26,6 +26,9 @@ constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 20;
 class CudaRenderer final : public Renderer {
  public:
   explicit CudaRenderer(const CudaSettings& settings) : settings_(settings) {}
+  ~CudaRenderer() override {
+    if (handed_over_.get() != nullptr) (void)cudaEventSynchronize(handed_over_.get());
+  }
 
   Status create() {
     int count = 0;
@@ -41,8 +44,11 @@ class CudaRenderer final : public Renderer {
                            cudaGetErrorString(error));
       }
     }
+    STGS_TRY(cuda_status(cudaGetDevice(&device_), "asking for the device"));
     STGS_TRY(cuda_status(cudaStreamCreateWithFlags(stream_.fresh(), cudaStreamNonBlocking),
                          "creating a stream"));
+    STGS_TRY(cuda_status(cudaEventCreateWithFlags(handed_over_.fresh(), cudaEventDisableTiming),
+                         "creating an event"));
     return segments_.create();
   }
 
@@ -51,6 +57,7 @@ class CudaRenderer final : public Renderer {
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
     STGS_TRY(check_views(views));
+    STGS_TRY(check_device());
     drawn_ = false;
     try {
       RenderStats sums;
@@ -81,6 +88,16 @@ class CudaRenderer final : public Renderer {
     return {};
   }
 
+  Status read_cuda(const std::vector<CudaPicture>& to, CUstream_st* stream) override {
+    if (!drawn_) return usage_error("there is nothing drawn to be read");
+    STGS_TRY(check_device());
+    const Status started = frame_.read(to, stream);
+    // Also after an error: what has begun uses the pictures.
+    const cudaError_t recorded = cudaEventRecord(handed_over_.get(), stream);
+    STGS_TRY(started);
+    return cuda_status(recorded, "recording an event");
+  }
+
   Result<RenderProfile> profile() override {
     if (!drawn_) return usage_error("there is nothing drawn to be drawn again");
     try {
@@ -91,6 +108,15 @@ class CudaRenderer final : public Renderer {
   }
 
  private:
+  Status check_device() const {
+    int current = -1;
+    STGS_TRY(cuda_status(cudaGetDevice(&current), "asking for the device"));
+    if (current == device_) return {};
+    return usage_error(
+        "the renderer is CUDA device {}'s, and device {} is the thread's current one", device_,
+        current);
+  }
+
   void list_parts(const Timeline& timeline, const std::vector<Timeline::Needed>& needed) {
     parts_.clear();
     std::uint32_t chunks = 0;
@@ -134,6 +160,8 @@ class CudaRenderer final : public Renderer {
           timeline.name(), seconds, kViewShift);
     }
     FrameNeed need = need_of(views);
+    // The pictures before may still be read.
+    STGS_TRY(cuda_status(cudaEventSynchronize(handed_over_.get()), "waiting for pictures' reader"));
     for (;;) {
       STGS_TRY(buffers_.ensure(need));
       const Status started = frame_.start(views, parts_, degree_, grids_[degree_], buffers_,
@@ -157,7 +185,9 @@ class CudaRenderer final : public Renderer {
   }
 
   CudaSettings settings_;
+  int device_ = 0;
   Stream stream_;
+  Event handed_over_;  // to whom read_cuda() has
   std::array<Grids, math::kShMaxDegree + 1> grids_;
   SegmentCache segments_;
   FrameBuffers buffers_;

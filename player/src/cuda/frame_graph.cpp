@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "cuda/pack_pixels.h"
+
 namespace stgs::player::cuda {
 namespace {
 
@@ -201,6 +203,32 @@ Status FrameGraph::read(std::vector<Frame>& frames) const {
       STGS_TRY(cuda_status(cudaMemcpy(image->data.data(), from, bytes, cudaMemcpyDeviceToHost),
                            "copying a picture"));
       from += bytes;
+    }
+  }
+  return {};
+}
+
+Status FrameGraph::read(std::span<const CudaPicture> to, cudaStream_t stream) const {
+  if (to.size() != places_.size()) {
+    return usage_error("{} views were drawn, not {}", places_.size(), to.size());
+  }
+  for (std::size_t i = 0; i < to.size(); ++i) {
+    const auto [offset, width, height] = places_[i];
+    const auto* const from = reinterpret_cast<const float*>(pictures_.data() + offset);
+    const std::size_t row = sizeof(float) * static_cast<std::size_t>(width);
+    const CudaPlane& rgba8 = to[i].rgba8;
+    if (rgba8.data != nullptr) {
+      STGS_TRY(cuda_status(pack_pixels(from, width, height, rgba8.data, rgba8.stride, stream),
+                           "starting to pack a picture"));
+    }
+    for (std::size_t plane = 0; plane < kPlanes; ++plane) {
+      const auto [data, stride] = to[i].planes[plane];
+      if (data == nullptr) continue;
+      const auto height_of = static_cast<std::size_t>(height);
+      const float* const begin = from + plane * static_cast<std::size_t>(width) * height_of;
+      STGS_TRY(cuda_status(cudaMemcpy2DAsync(data, stride, begin, row, row, height_of,
+                                             cudaMemcpyDeviceToDevice, stream),
+                           "starting to copy a picture"));
     }
   }
   return {};

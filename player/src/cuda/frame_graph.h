@@ -25,6 +25,8 @@ class FrameGraph {
   Status add_times(RenderStats& stats) const;
   // Copies the pictures to the host, likewise.
   Status read(std::vector<Frame>& frames) const;
+  // Starts to copy them to memory of the device, likewise.
+  Status read(std::span<const CudaPicture> to, cudaStream_t stream) const;
   // What the steps take, likewise; draws the frame once more for it, and waits.
   Result<RenderProfile> profile(const Grids& grids, const FrameBuffers& buffers,
                                 cudaStream_t stream);

@@ -11,6 +11,8 @@
 #include "stgs/format/status.h"
 #include "stgs/player/timeline.h"
 
+struct CUstream_st;  // of CUDA
+
 namespace stgs::player {
 
 inline constexpr std::size_t kMaxViews = 4;
@@ -45,6 +47,17 @@ struct RenderProfile {
   std::vector<RenderStep> steps;  // in their order
 };
 
+// Rows of pixels in memory of a CUDA device.
+struct CudaPlane {
+  void* data = nullptr;    // null: not wanted
+  std::size_t stride = 0;  // bytes from row to row
+};
+// Of a view. All strides and addresses are multiples of 4.
+struct CudaPicture {
+  CudaPlane rgba8;      // 4 bytes a pixel: colour and alpha
+  CudaPlane planes[5];  // floats: red, green, blue, alpha, depth
+};
+
 struct View {
   math::PinholeCamera camera;
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
@@ -67,6 +80,14 @@ class Renderer {
                 std::vector<Frame>& frames, RenderStats* stats) {
     if (Status status = draw(timeline, seconds, views, stats); !status.ok()) return status;
     return read(frames);
+  }
+  // The same for memory of the CUDA device, one of `to` a view, in the order of a stream of it
+  // (cudaStream_t; null: the default one) and without waiting for that; the next draw() and the
+  // destructor do. kUnsupported where the backend does not draw with CUDA, kUsage where the number
+  // is not that of the views.
+  virtual Status read_cuda(const std::vector<CudaPicture>& to, CUstream_st* stream) {
+    (void)to, (void)stream;
+    return unsupported("backend '{}' does not draw with CUDA", name());
   }
   virtual std::string name() const = 0;
   // Draws what the last draw() drew, which succeeded, once more, step by step. kUnsupported where

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// Drawing into memory of a CUDA device: stgs/stgs_cuda.h. Without CUDA there is no renderer for it,
+// which the player's says.
+#include "stgs/stgs_cuda.h"
+
+#include "picture.h"
+#include "renderer.h"
+#include "scene.h"
+
+using stgs::sdk::guarded;
+using stgs::sdk::Outcome;
+
+namespace {
+
+constexpr std::size_t kPixelBytes = 4;  // of RGBA8, and of a float
+
+stgs::player::CudaPlane plane_of(const stgs_buffer& buffer, std::uint32_t width) {
+  return {buffer.data, buffer.stride == 0 ? kPixelBytes * width : buffer.stride};
+}
+
+// Of a picture that has been checked.
+stgs::player::CudaPicture picture_of(const stgs_picture& from, std::uint32_t width) {
+  stgs::player::CudaPicture out;
+  out.rgba8 = plane_of(from.rgba8, width);
+  for (std::size_t c = 0; c < 3; ++c) out.planes[c] = plane_of(from.rgb[c], width);
+  out.planes[3] = plane_of(from.alpha, width);
+  out.planes[4] = plane_of(from.depth, width);
+  return out;
+}
+
+Outcome check_backend(const stgs_renderer& renderer) {
+  const std::string name = renderer.backend->name();
+  if (name == "cuda") return {};
+  return {STGS_ERROR_UNSUPPORTED,
+          fmt::format("backend '{}' does not draw into memory of a CUDA device: make the renderer "
+                      "with STGS_BACKEND_CUDA",
+                      name)};
+}
+
+Outcome check_rgba8(const stgs_buffer& buffer) {
+  if (reinterpret_cast<std::uintptr_t>(buffer.data) % kPixelBytes == 0 &&
+      buffer.stride % kPixelBytes == 0) {
+    return {};
+  }
+  return {STGS_ERROR_ARGUMENT, "rgba8: its address and stride on a CUDA device are multiples of 4"};
+}
+
+}  // namespace
+
+extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
+                                        const stgs_view* views, const stgs_picture* pictures,
+                                        uint32_t count, struct CUstream_st* stream) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(check_backend(*renderer));
+    STGS_SDK_TRY(stgs::sdk::check_render(scene, seconds, views, pictures, count));
+    std::vector<stgs::player::CudaPicture> targets;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      STGS_SDK_TRY(check_rgba8(pictures[i].rgba8));
+      targets.push_back(picture_of(pictures[i], views[i].width));
+    }
+    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds, views, count));
+    return renderer->backend->read_cuda(targets, stream);
+  });
+}
