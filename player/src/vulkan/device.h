@@ -76,6 +76,7 @@ class Device {
   VulkanSettings settings_;
   VulkanDevice context_;
   bool borrowed_ = false, timeline_semaphores_ = false;
+  bool shares_processors_ = false;  // with the host
   InstanceFunctions instance_;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkPhysicalDeviceMemoryProperties memory_{};
