@@ -6,9 +6,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "axis_turns.h"
 #include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
-#include "stgs/format/math/surface.h"
 
 namespace stgs {
 namespace {
@@ -26,10 +25,6 @@ constexpr double kMostOctaves = 3.0;  // that importance makes a step finer or c
 constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
 constexpr double kLeastRotation = -12.0, kMostRotation = -1.0;  // octaves
-constexpr int kTimeBits = 23, kFineTimeBits = 19;               // of a moment in steps
-constexpr float kLogitLimit = 12.0f;
-constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
-constexpr float kSigmaMax = 1e9f;
 
 // The least power of two in which numbers up to `largest` fit `bits` bits.
 Step step_for(double largest, int bits) {
@@ -74,78 +69,6 @@ double typical_log_scale(const Gaussians4D& set) {
   const auto quarter = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 4);
   std::nth_element(sizes.begin(), quarter, sizes.end());
   return *quarter;
-}
-
-using Quaternion = std::array<double, 4>;
-
-// The turns that map the axes on each other, one of each two quaternions.
-constexpr std::array<Quaternion, 24> make_axis_turns() {
-  constexpr double kRoot = 0.70710678118654752440;
-  std::array<Quaternion, 24> out{};
-  std::size_t n = 0;
-  for (std::size_t a = 0; a < 4; ++a) {
-    out[n++][a] = 1.0;
-    for (std::size_t b = a + 1; b < 4; ++b) {
-      for (const double sign : {1.0, -1.0}) {
-        out[n][a] = kRoot;
-        out[n++][b] = sign * kRoot;
-      }
-    }
-  }
-  for (int signs = 0; signs < 8; ++signs) {
-    out[n++] = {0.5, (signs & 1) != 0 ? -0.5 : 0.5, (signs & 2) != 0 ? -0.5 : 0.5,
-                (signs & 4) != 0 ? -0.5 : 0.5};
-  }
-  return out;
-}
-constexpr std::array<Quaternion, 24> kAxisTurns = make_axis_turns();
-
-double dot(const Quaternion& a, const Quaternion& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-}
-
-// a times the inverse of a unit b.
-Quaternion over(const Quaternion& a, const Quaternion& b) {
-  return {dot(a, b), a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2],
-          a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3],
-          a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]};
-}
-
-// Where the turn takes an axis.
-std::size_t turned_axis(const Quaternion& turn, std::size_t axis) {
-  const math::Mat3 m =
-      math::rotation_of({static_cast<float>(turn[0]), static_cast<float>(turn[1]),
-                         static_cast<float>(turn[2]), static_cast<float>(turn[3])});
-  const math::Vec3 on = math::mat3_column(m, static_cast<int>(axis));
-  return std::abs(on.x) > 0.5f ? 0 : std::abs(on.y) > 0.5f ? 1 : 2;
-}
-
-// The same Gaussians, each with the names of its axes and their signs changed so that its rotation
-// is the least (spec 8.5).
-void least_rotations(Gaussians4D& set) {
-  std::array<std::array<std::size_t, 3>, 24> axes{};
-  for (std::size_t t = 0; t < 24; ++t) {
-    for (std::size_t k = 0; k < 3; ++k) axes[t][k] = turned_axis(kAxisTurns[t], k);
-  }
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    float* stored = set.rotation.data() + 4 * i;
-    const Quaternion q{stored[0], stored[1], stored[2], stored[3]};
-    std::size_t best = 0;
-    double most = -1.0;
-    for (std::size_t t = 0; t < 24; ++t) {
-      const double near = std::abs(dot(q, kAxisTurns[t]));
-      if (near > most + 1e-6) {
-        most = near;
-        best = t;
-      }
-    }
-    const Quaternion least = over(q, kAxisTurns[best]);
-    const double scale = std::copysign(1.0 / std::sqrt(dot(least, least)), least[0]);
-    for (std::size_t c = 0; c < 4; ++c) stored[c] = static_cast<float>(scale * least[c]);
-    float* sizes = set.log_scale.data() + 3 * i;
-    const std::array<float, 3> before{sizes[0], sizes[1], sizes[2]};
-    for (std::size_t k = 0; k < 3; ++k) sizes[axes[best][k]] = before[k];
-  }
 }
 
 Integers begin(Attribute attribute, Mapping mapping, Step step, int components, std::size_t n) {
@@ -294,33 +217,6 @@ double mean_of(std::span<const float> values) {
   return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
 }
 
-// Where primitive i moves by less than `still` in its part, which lasts `length` ticks, and its
-// opacity changes by less than `even` either way: its mean opacity, for all of the part and at rest
-// in its middle.
-void make_constant(double length, double still, double even, std::size_t i, Gaussians4D& set) {
-  const auto time = static_cast<double>(set.time[i]);
-  const double nearest = std::clamp(time, 0.0, length), middle = 0.5 * length;
-  const double farthest = time < middle ? length : 0.0;
-  const auto seen = [&](double t) {
-    return math::visibility(static_cast<float>(t - time), set.sigma[i], set.radius[i]);
-  };
-  const double most = seen(nearest), least = seen(farthest);
-  const double opacity = math::opacity_of(set.opacity_logit[i]);
-  float* u = &set.velocity[3 * i];
-  const double way =
-      length * std::sqrt(double{u[0]} * u[0] + double{u[1]} * u[1] + double{u[2]} * u[2]);
-  if (opacity * (most - least) > 2.0 * even || way > still) return;
-  const double mean = opacity * 0.5 * (most + least);
-  set.opacity_logit[i] = static_cast<float>(std::log(mean / (1.0 - mean)));
-  for (std::size_t c = 0; c < 3; ++c) {
-    set.position[3 * i + c] += u[c] * static_cast<float>(middle - time);
-    u[c] = 0.0f;
-  }
-  set.time[i] = static_cast<float>(middle);
-  set.sigma[i] = 1.0f;
-  set.radius[i] = static_cast<float>(length);
-}
-
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
@@ -340,14 +236,11 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   steps_.rotation = -5.2;
   steps_.sh[0] = by_size ? -4.35 : -4.65;
   steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
-  double latest = longest_part;
-  for (float t : set.time) latest = std::max(latest, std::abs(static_cast<double>(t)));
-  steps_.time = step_near(-2.0 + coarser_, kFineSteps);
-  if (latest >= std::ldexp(size_of(steps_.time), kFineTimeBits)) {  // powers of two have more bits
-    steps_.time = coarser_of(step_near(-2.0 + coarser_, 1), step_for(latest * 1.000001, kTimeBits));
-  }
-  steps_.lifespan = step_near(std::clamp(21.0 + coarser_, 16.0, 22.0), kFineSteps);
   steps_.opacity = step_near(-1.5 + coarser_, kFineSteps);
+  double still = std::exp2(steps_.displacement + coarser_);
+  if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
+  lifespans_.emplace(longest_part, -2.0 + coarser_, std::clamp(21.0 + coarser_, 16.0, 22.0),
+                     steps_.opacity, ConstantBounds{still, std::exp2(kEvenOpacity + coarser_)});
 }
 
 Step Quantiser::bounded(double octaves, double share, int in_octave) const {
@@ -360,28 +253,8 @@ Step Quantiser::bounded(double octaves, double share, int in_octave) const {
 Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
                                       std::span<const PartRange> parts) const {
   Gaussians4D out = set;
-  double still = std::exp2(steps_.displacement + coarser_);
-  if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
-  const double even = std::exp2(kEvenOpacity + coarser_);
   for (const PartRange& part : parts) {
-    const double length = part.interval.end - part.interval.begin;
-    for (std::uint32_t i = part.first; i < part.last; ++i) {
-      make_constant(length, still, even, i, out);
-    }
-  }
-  const Step lifespan = steps_.lifespan;
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const float time = on_grid(out.time[i], steps_.time);
-    for (std::size_t c = 0; c < 3; ++c) {  // where it is then
-      out.position[3 * i + c] += out.velocity[3 * i + c] * (time - out.time[i]);
-    }
-    out.time[i] = time;
-    out.opacity_logit[i] =
-        on_grid(std::clamp(out.opacity_logit[i], -kLogitLimit, kLogitLimit), steps_.opacity);
-    const float sigma = std::clamp(out.sigma[i], kSigmaMin, kSigmaMax);
-    out.sigma[i] = from_truncated(truncated_steps(sigma, lifespan), lifespan);
-    const float radius = std::min(out.radius[i], kSigmaMax);
-    out.radius[i] = from_truncated(truncated_steps(radius + 1.0f, lifespan), lifespan) - 1.0f;
+    for (std::uint32_t i = part.first; i < part.last; ++i) lifespans_->snap(part.interval, i, out);
   }
   return out;
 }
@@ -396,6 +269,7 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
   const auto fine = [coarser](double step) { return step_near(step + coarser, kFineSteps); };
   const Extent extent = extent_of(set, &members);
   GroupSteps out;
+  out.lifespan = lifespans_->steps_of(set, members);
   // One value less than 2^21, because the origin is rounded down.
   out.position = coarser_of(
       bounded(steps_.position + coarser_by(position_power_), kPositionShare, kCoarseSteps),
@@ -417,9 +291,9 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   out.push_back(position(part, steps, order));
   Gaussians4D sorted = part.gather(order);
   least_rotations(sorted);
-  out.push_back(moments(sorted, steps_.time, segment_begin));
-  out.push_back(truncated(sorted, Attribute::kSigma, steps_.lifespan, 0.0f));
-  out.push_back(truncated(sorted, Attribute::kRadius, steps_.lifespan, 1.0f));
+  out.push_back(moments(sorted, steps.lifespan.time, segment_begin));
+  out.push_back(truncated(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
+  out.push_back(truncated(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
   out.push_back(displacement(sorted, steps.displacement, part_ticks));
   out.push_back(linear(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
   out.push_back(rotation(sorted, decoded_log_scales(out.back()), steps.rotation));

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "lifespans.h"
 #include "segmenter.h"
 #include "steps.h"
 #include "stgs/format/gaussian4d.h"
@@ -13,22 +15,20 @@
 
 namespace stgs {
 
-// log2 of the steps for primitives of mean importance, in the attribute's unit. Time, sigma and
-// radius (units in the last place) and opacity have one step in a whole file.
+// log2 of the steps for primitives of mean importance, in the attribute's unit. Opacity has one
+// step in a whole file.
 struct Steps {
   double position = 0;      // scene units
   double displacement = 0;  // scene units over the lifespan
   double log_scale = 0;
   double rotation = 0;
   double sh[4] = {0, 0, 0, 0};
-  Step time;  // ticks
-  Step lifespan;
   Step opacity;  // of the logit
 };
 
-// The steps that vary with importance, of primitives that share a layout, and where their positions
-// count from.
+// The steps of primitives that share a layout, and where their positions count from.
 struct GroupSteps {
+  LifespanSteps lifespan;
   Step position, displacement, log_scale, rotation;
   Step sh[4];
   float origin[3] = {0, 0, 0};
@@ -45,8 +45,7 @@ class Quantiser {
   Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
             double longest_part, double quality, double max_error);
 
-  // The set with time, sigma, radius and opacity as a decoder will see them. What hardly changes in
-  // its interval and stands still there gets one constant lifespan, which costs next to nothing.
+  // The set with time, sigma, radius and opacity as a decoder will see them (lifespans.h).
   Gaussians4D snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts) const;
   // For those primitives of `set` that share a layout; `importance` is their mean: the less, the
   // coarser.
@@ -66,6 +65,7 @@ class Quantiser {
   Step bounded(double octaves, double share, int in_octave) const;
 
   Steps steps_;
+  std::optional<LifespanGrids> lifespans_;
   double max_error_ = 0;  // scene units; 0: no bound
   // Of importance in a step, and in that of a position.
   double power_ = 0, position_power_ = 0;

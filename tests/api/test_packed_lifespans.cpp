@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
+
+#include "scene_fixture.h"
+#include "stgs/format/math/blend.h"
+#include "stgs/format/math/lifespan.h"
+
+using namespace stgs;
+using stgs::testing::random_scene;
+
+namespace {
+
+// What packing makes of a scene, each primitive beside the one that it was.
+struct PackedPair {
+  Gaussians4D before, after;
+  std::vector<std::uint32_t> order;
+};
+
+PackedPair packed(const Scene& scene, double quality) {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.quality = quality;
+  PackedPair out;
+  auto file = encode_scene(scene, settings, &out.order);
+  INFO(file.status().message());
+  REQUIRE(file.ok());
+  auto read = read_scene(memory_source(std::move(*file)));
+  INFO(read.status().message());
+  REQUIRE(read.ok());
+  out.before = scene.gaussians.gather(out.order);
+  out.after = std::move(read->gaussians);
+  return out;
+}
+
+bool is_seen(const Gaussians4D& set, std::size_t i, double t) {
+  const float dt = static_cast<float>(t - set.time[i]);
+  return math::opacity_of(set.opacity_logit[i]) *
+             math::visibility(dt, set.sigma[i], set.radius[i]) >=
+         math::kAlphaThreshold;
+}
+
+// Lifespans of whole frames, as matched splats have them: they end halfway between two.
+void make_boxes(Scene& scene, unsigned seed) {
+  std::mt19937 random(seed);
+  const int frames = static_cast<int>(scene.metadata.frames);
+  Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    const int length = std::uniform_int_distribution(1, i % 2 == 0 ? 6 : frames / 2)(random);
+    const int first = std::uniform_int_distribution(0, frames - length)(random);
+    set.time[i] = 0.5f * static_cast<float>(2 * first + length - 1);
+    set.radius[i] = 0.5f * static_cast<float>(length) - 0.002f;
+    set.sigma[i] = 1.0f / 1024.0f;
+    set.opacity_logit[i] = std::max(set.opacity_logit[i], -5.0f);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("what begins and ends between frames is seen at the same frames at any quality") {
+  Scene scene = random_scene(1500, 0, 300, 31);
+  make_boxes(scene, 32);
+  for (const double quality : {0.0, 30.0, 60.0, 85.0, 100.0}) {
+    const PackedPair pair = packed(scene, quality);
+    REQUIRE(pair.order.size() == scene.gaussians.size());
+    int wrong = 0;
+    for (std::size_t i = 0; i < pair.order.size(); ++i) {
+      for (int t = 0; t <= 300; ++t)
+        wrong += is_seen(pair.before, i, t) != is_seen(pair.after, i, t);
+    }
+    INFO("quality " << quality);
+    CHECK(wrong == 0);
+  }
+}
+
+TEST_CASE("frames count from the timeline's beginning in a part that begins between two") {
+  Scene scene = random_scene(400, 0, 60, 33);
+  make_boxes(scene, 34);
+  scene.parts = {{0, 30.25, 150}, {30.25, 60, 250}};
+  for (std::size_t i = 0; i < 400; ++i) {
+    scene.gaussians.time[i] = 0.5f * scene.gaussians.time[i] + 0.1f;  // no edge at a frame
+  }
+  const PackedPair pair = packed(scene, 60);
+  REQUIRE(pair.order.size() > 390);
+  int wrong = 0;
+  for (std::size_t i = 0; i < pair.order.size(); ++i) {
+    const double begin = pair.order[i] < 150 ? 0 : 30.25, end = pair.order[i] < 150 ? 30.25 : 60;
+    for (double t = std::ceil(begin); t <= end; ++t) {
+      wrong += is_seen(pair.before, i, t - begin) != is_seen(pair.after, i, t - begin);
+    }
+  }
+  CHECK(wrong == 0);
+}
+
+TEST_CASE("a lifespan far away leaves the others their grid") {
+  for (const float far : {1e5f, 1e8f, 1e30f}) {
+    Scene scene = random_scene(300, 0, 90, 35);
+    Gaussians4D& set = scene.gaussians;
+    set.opacity_logit.assign(300, 2.0f);
+    for (std::size_t i = 0; i < 300; ++i) {
+      set.time[i] = 5.0f + 80.0f / 300.0f * static_cast<float>(i);
+      set.sigma[i] = set.radius[i] = 1.0f;
+    }
+    set.time[0] = far;   // never seen
+    set.time[1] = 1e5f;  // seen from frame 45 on
+    set.radius[1] = 1e5f - 44.5f;
+    set.sigma[1] = 0.01f;
+    set.time[2] = -far;  // seen all the time
+    set.radius[2] = 2.0f * far;
+    for (const std::size_t i : {1, 2}) std::fill_n(&set.velocity[3 * i], 3, 0.0f);
+    const PackedPair pair = packed(scene, 85);
+    REQUIRE(pair.order.size() == 299);
+    for (std::size_t i = 0; i < pair.order.size(); ++i) {
+      INFO("far " << far << ", primitive " << pair.order[i]);
+      if (pair.order[i] > 2) {
+        CHECK(std::abs(pair.after.time[i] - pair.before.time[i]) <= 0.126f);
+        continue;
+      }
+      CHECK(is_seen(pair.after, i, 0) == (pair.order[i] == 2));
+      CHECK(is_seen(pair.after, i, 45) == is_seen(pair.before, i, 45));
+      CHECK(is_seen(pair.after, i, 90));
+    }
+  }
+}
+
+TEST_CASE("what is seen is not left out, whatever the quality") {
+  const Scene scene = random_scene(4000, 0, 60, 36);
+  std::size_t seen = 0;
+  for (std::size_t i = 0; i < 4000; ++i) {
+    bool at_all = false;
+    for (int t = 0; t <= 60; ++t) at_all |= is_seen(scene.gaussians, i, t);
+    seen += at_all ? 1 : 0;
+  }
+  for (const double quality : {0.0, 20.0, 34.0, 50.0, 85.0}) {
+    INFO("quality " << quality);
+    CHECK(packed(scene, quality).order.size() >= seen);
+  }
+}
