@@ -67,22 +67,18 @@ VkExtent2D scaled(VkExtent2D size, float scale) {
   return {side(size.width), side(size.height)};
 }
 
-// What the display and the application made of their time.
+// Frames, and the display's time from the first to the last.
 struct Timing {
   XrTime first = 0, last = 0;
-  XrDuration period = 0;
   int drawn = 0, hidden = 0;
 
   void add(const xr::Frame& frame) {
     if (drawn == 0) first = frame.time;
     last = frame.time;
-    period = frame.period;
     ++drawn;
   }
-  // Of the display's frames between the first and the last, those without a new picture.
-  std::int64_t missed() const {
-    if (drawn < 2 || period <= 0) return 0;
-    return std::max<std::int64_t>(0, (last - first + period / 2) / period - (drawn - 1));
+  double pictures_a_second() const {
+    return last > first ? 1e9 * (drawn - 1) / static_cast<double>(last - first) : 0;
   }
 };
 
@@ -133,9 +129,8 @@ void play(const Options& options) {
       leaving = true;
     }
   }
-  std::printf("%u x %u an eye, %d frames drawn, %d not visible, %lld of the display's missed, %s\n",
-              size.width, size.height, timing.drawn, timing.hidden,
-              static_cast<long long>(timing.missed()),
+  std::printf("%u x %u an eye, %d frames drawn, %d not visible, %.1f a second, %s\n", size.width,
+              size.height, timing.drawn, timing.hidden, timing.pictures_a_second(),
               session.has_been_focused() ? "was focused" : "never focused");
 }
 

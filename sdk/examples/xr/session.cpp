@@ -222,7 +222,6 @@ Frame Session::begin_frame() {
   must(xrBeginFrame(session_, nullptr), "beginning a frame");
   Frame frame;
   frame.time = state.predictedDisplayTime;
-  frame.period = state.predictedDisplayPeriod;
   if (state.shouldRender == XR_FALSE) return frame;
   auto info = structure<XrViewLocateInfo>(XR_TYPE_VIEW_LOCATE_INFO);
   info.viewConfigurationType = kStereo;

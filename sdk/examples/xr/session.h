@@ -43,8 +43,7 @@ struct EyeImage {
 };
 
 struct Frame {
-  XrTime time = 0;        // at which it will be seen, nanoseconds of the runtime's clock
-  XrDuration period = 0;  // of the display
+  XrTime time = 0;  // at which it will be seen, nanoseconds of the runtime's clock
   bool visible = false;
   std::array<XrView, kEyes> eyes{};
 };
