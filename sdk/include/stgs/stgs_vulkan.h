@@ -57,8 +57,8 @@ typedef struct stgs_vulkan_support {
 STGS_API stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
                                              stgs_vulkan_support* support);
 
-/* A renderer on the device: for stgs_vulkan_submit, and for all that takes a renderer.
- * stgs_renderer_destroy waits for its frames, and so for what they wait for. `settings` as
+/* A renderer on the device: for stgs_vulkan_submit, and for all that takes a renderer. stgs_render
+ * and stgs_renderer_destroy wait for its frames, and so for what they wait for. `settings` as
  * stgs_renderer_create takes them, with backend STGS_BACKEND_AUTO or STGS_BACKEND_VULKAN; the
  * structs are copied. *out is NULL after an error, which the log has in words, else the caller's.
  * STGS_ERROR_ARGUMENT: a handle is missing, or the family does not compute;
@@ -124,16 +124,19 @@ STGS_API stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t
 #define STGS_VULKAN_FRAMES_ON_THE_WAY 3
 
 /* Submits the drawing of the moment `seconds` and returns without waiting for it: *number, where
- * `number` is not NULL, counts the renderer's frames from 1 on. It does wait for earlier frames,
- * and so for their semaphores, where STGS_VULKAN_FRAMES_ON_THE_WAY are on their way, where buffers
- * must grow, and where much of the scene is sent first: what those wait for must be signalled
- * without this thread. Of a player, draw stgs_player_scene at its status's `seconds`. Uses the
- * scene as well as the renderer: neither may be in another call; afterwards the scene may be
- * destroyed, and the structs and arrays be reused. After an error nothing was submitted: no
- * semaphore is waited for or signalled, and no image has changed. STGS_ERROR_ARGUMENT: a view, an
- * image or a semaphore; a renderer that stgs_vulkan_renderer_create has not made.
- * STGS_ERROR_UNSUPPORTED: a semaphore with a value where the device has no timeline semaphores, a
- * format that the device cannot copy into. Others: as of stgs_render. */
+ * `number` is not NULL, counts the renderer's frames from 1 on. Of a player, draw stgs_player_scene
+ * at its status's `seconds`. Uses the scene as well as the renderer: neither may be in another
+ * call; afterwards the scene may be destroyed, and the structs and arrays be reused.
+ *
+ * It does wait for earlier frames, and so for their semaphores, where STGS_VULKAN_FRAMES_ON_THE_WAY
+ * are on their way, where buffers must grow, and where much of the scene is sent first: what those
+ * wait for must be signalled without this thread.
+ *
+ * After an error nothing was submitted: no semaphore is waited for or signalled, and no image has
+ * changed. STGS_ERROR_ARGUMENT: a view, an image or a semaphore; a renderer that
+ * stgs_vulkan_renderer_create has not made. STGS_ERROR_UNSUPPORTED: a semaphore with a value where
+ * the device has no timeline semaphores, a format that the device cannot copy into. Others: as of
+ * stgs_render. */
 STGS_API stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                         const stgs_vulkan_frame* frame, uint64_t* number);
 
