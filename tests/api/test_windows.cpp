@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Long captures as windows of time: cut, trained apart, merged.
 #include <algorithm>
+#include <array>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <set>
 
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/pack.h"
@@ -10,6 +12,7 @@
 #include "stgs/encoder/windows.h"
 #include "stgs/player/renderer.h"
 #include "synthetic_capture.h"
+#include "train/initial_state.h"
 #include "train_run.h"
 
 using namespace stgs;
@@ -54,6 +57,30 @@ double mean_of(const std::vector<double>& values) {
   double sum = 0;
   for (const double v : values) sum += v;
   return sum / static_cast<double>(values.size());
+}
+
+struct Start {
+  std::set<std::array<float, 3>> fixed, moving;  // where primitives begin
+  std::array<float, 3> background{};
+};
+
+Start start_of(const PreparedCapture& whole, const FrameSpan& span, std::uint64_t seed) {
+  HyperParameters parameters;
+  parameters.max_primitives = 200;  // 120 at the start, at most 60 of them moving
+  const Result<PreparedCapture> window = window_of(whole, span);
+  REQUIRE(window.ok());
+  const Result<TrainState> state = initial_state(*window, parameters, {}, seed);
+  INFO(state.status().message());
+  REQUIRE(state.ok());
+  Start start;
+  start.background = {state->background.x, state->background.y, state->background.z};
+  for (std::size_t i = 0; i < state->size(); ++i) {
+    const float* p = &state->set.position[3 * i];
+    const bool moves = state->log_sigma[i] < std::log(2 * parameters.sigma_dynamic);
+    (moves ? start.moving : start.fixed).insert({p[0], p[1], p[2]});
+  }
+  CHECK(start.fixed.size() + start.moving.size() == 120);
+  return start;
 }
 
 // A scene of nothing, as a window of a capture.
@@ -149,6 +176,25 @@ TEST_CASE("windows are trained alike where what is trained is the same, however 
   CHECK(settings_id(other).status().code() == StatusCode::kIo);
 }
 
+TEST_CASE("windows share what stands still and the background, whatever moves and the seed") {
+  const SyntheticCapture synthetic("windows_start", 4, kFrames);
+  const PreparedCapture& whole = synthetic.capture;
+  const Start first = start_of(whole, {0, 12}, 1), second = start_of(whole, {10, 22}, 2);
+  CHECK(first.moving.size() == 60);
+  CHECK(second.fixed == first.fixed);
+  CHECK(second.background == first.background);
+  CHECK(start_of(whole, {0, 12}, 2).moving != first.moving);
+  // Where little moves there is room for more of the others.
+  const Start calm = start_of(whole, {8, 11}, 3);
+  CHECK(calm.moving.size() == 36);
+  CHECK(
+      std::includes(calm.fixed.begin(), calm.fixed.end(), first.fixed.begin(), first.fixed.end()));
+  CHECK(calm.background == first.background);
+  for (std::uint64_t seed = 4; seed < 10; ++seed) {
+    CHECK(start_of(whole, {0, kFrames}, seed).background == first.background);
+  }
+}
+
 TEST_CASE("windows trained apart and merged are as good as one, also at the seams") {
   const SyntheticCapture synthetic("windows_merge", 4, kFrames);
   const PreparedCapture& whole = synthetic.capture;
@@ -227,4 +273,20 @@ TEST_CASE("what does not make one capture is not merged") {
   other = b;
   other.scene.gaussians.sh_degree = 2;
   CHECK(refused({a, other}).find("harmonics of degree 0, b of degree 2") != std::string::npos);
+  other = b;
+  other.scene.metadata.background[2] = 9 / 255.0f;
+  CHECK(refused({a, other}).find("before other backgrounds, 0 0 0 and 0 0 9 of 255") !=
+        std::string::npos);
+}
+
+TEST_CASE("backgrounds that differ by rounding are the first window's, and that is told") {
+  WindowScene a = window_scene("a", 0, 60), b = window_scene("b", 50, 50);
+  a.scene.metadata.background[2] = 100 / 255.0f;
+  b.scene.metadata.background[2] = 101 / 255.0f;
+  std::string told;
+  const LogSink log = [&told](int, const std::string& line) { told += line; };
+  const Result<Scene> merged = merge_windows({b, a}, log);
+  REQUIRE(merged.ok());
+  CHECK(merged->metadata.background[2] == 100 / 255.0f);
+  CHECK(told == "the windows' backgrounds differ by up to 1 of 255; 0 0 100 of a is taken");
 }

@@ -84,6 +84,16 @@ class Windows(CliTest):
         halves = [self.json_of("evaluate", part, "--against", prepared) for part in (first, second)]
         self.assertGreater(scores["psnr"], min(half["psnr"] for half in halves) - 0.5)
 
+    def test_windows_of_other_seeds_are_merged(self):
+        for name, frames, seed in (("a.stgs", "0:3", "1"), ("b.stgs", "3:6", "2")):
+            # So few primitives that each seed chooses others of the capture's points.
+            self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--iterations",
+                          "20", "--max-primitives", "100", "--frames", frames, "--seed", seed,
+                          "-o", name)
+        backgrounds = [self.json_of("info", name)["background"] for name in ("a.stgs", "b.stgs")]
+        self.assertEqual(*backgrounds)
+        self.assertEqual(len(self.json_of("pack", "a.stgs", "b.stgs", "-o", "x.stgs")["parts"]), 2)
+
     def test_what_is_refused(self):
         self.json_of(*self.train("-o", "parts", "--window", "2"))
         parts = [f"parts/{name}.stgs" for name in ("000000-000002", "000002-000004",

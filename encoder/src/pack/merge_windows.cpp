@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 
 #include "stgs/encoder/windows.h"
 
 namespace stgs::encoder {
 namespace {
+
+// How far a background may be from another of the same capture, a channel, of 255: it is a median
+// of 8-bit values, which rounding on another machine can move.
+constexpr float kBackgroundTolerance = 4;
 
 FrameSpan span_of(const Scene& scene) {
   const auto begin = static_cast<int>(scene.metadata.window->first_frame);
@@ -23,8 +28,7 @@ Status check_pair(const WindowScene& a, const WindowScene& b) {
     return usage_error("{} has harmonics of degree {}, {} of degree {}: train all windows alike",
                        a.name, a.scene.gaussians.sh_degree, b.name, b.scene.gaussians.sh_degree);
   }
-  if (first.window->training != second.window->training ||
-      !std::equal(first.background, first.background + 3, second.background)) {
+  if (first.window->training != second.window->training) {
     return usage_error("{} and {}: were trained with different settings; train all windows alike",
                        a.name, b.name);
   }
@@ -36,6 +40,36 @@ Status check_pair(const WindowScene& a, const WindowScene& b) {
   if (after.begin > before.end) {
     return usage_error("frames {}:{} are missing between {} and {}", before.end, after.begin,
                        a.name, b.name);
+  }
+  return {};
+}
+
+std::string background_text(const SceneMetadata& scene) {
+  const float* b = scene.background;
+  return fmt::format("{:.0f} {:.0f} {:.0f}", 255 * b[0], 255 * b[1], 255 * b[2]);
+}
+
+// That what is shown where windows have nothing is the first one's, as nearly as nobody sees.
+Status check_backgrounds(const std::vector<WindowScene>& windows, const LogSink& log) {
+  const WindowScene& first = windows.front();
+  float largest = 0;
+  for (const WindowScene& window : windows) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float other = 255 * window.scene.metadata.background[c];
+      const float difference = std::abs(other - 255 * first.scene.metadata.background[c]);
+      largest = std::max(largest, difference);
+      if (difference <= kBackgroundTolerance) continue;
+      return usage_error(
+          "{} and {}: were trained with the same settings, but before other backgrounds, {} and {} "
+          "of 255, so the capture's pictures or points have changed in between; train all windows "
+          "on the same",
+          first.name, window.name, background_text(first.scene.metadata),
+          background_text(window.scene.metadata));
+    }
+  }
+  if (largest > 0 && log) {
+    log(2, fmt::format("the windows' backgrounds differ by up to {:.2g} of 255; {} of {} is taken",
+                       largest, background_text(first.scene.metadata), first.name));
   }
   return {};
 }
@@ -86,7 +120,7 @@ bool comes_before(const Scene& a, const Scene& b) {
   return first && second ? first->first_frame < second->first_frame : !first && second;
 }
 
-Result<Scene> merge_windows(std::vector<WindowScene> windows) {
+Result<Scene> merge_windows(std::vector<WindowScene> windows, const LogSink& log) {
   if (windows.size() < 2) return usage_error("at least two windows are needed to merge them");
   for (const WindowScene& window : windows) {
     if (window.scene.metadata.window) continue;
@@ -98,6 +132,7 @@ Result<Scene> merge_windows(std::vector<WindowScene> windows) {
     return comes_before(a.scene, b.scene);
   });
   STGS_TRY(check(windows));
+  STGS_TRY(check_backgrounds(windows, log));
   Scene merged;
   merged.metadata = windows.front().scene.metadata;
   merged.metadata.frames = merged.metadata.window->capture_frames;

@@ -60,7 +60,7 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
   });
   std::vector<std::string> names;
   for (const WindowScene& window : windows) names.push_back(window.name);
-  STGS_ASSIGN(Scene merged, merge_windows(std::move(windows)));
+  STGS_ASSIGN(Scene merged, merge_windows(std::move(windows), log));
   for (std::size_t i = 0; i < names.size(); ++i) {
     const ScenePart& part = merged.parts[i];
     report.parts.push_back({names[i], part.begin_ticks, part.end_ticks, 0});

@@ -21,6 +21,8 @@ namespace {
 constexpr double kInitialShare = 0.6;  // of max_primitives; densification adds the rest
 constexpr double kDynamicShare = 0.5;  // of the initial primitives, at most, where both are plenty
 constexpr int kNeighbours = 3;
+// Of what all windows of a capture share, whatever their own seeds are.
+constexpr std::uint64_t kSharedSeed = 0;
 
 struct PointView {
   const std::vector<InitialPoint>& points;
@@ -56,13 +58,19 @@ void neighbour_distances(const std::vector<InitialPoint>& points,
   });
 }
 
-// A random subset of at most `limit`, in the original order.
-void thin(std::vector<InitialPoint>& points, std::size_t limit, Random& random) {
+// A random subset of at most `limit`, in the original order; that of a smaller limit lies within
+// that of a larger one.
+void thin(std::vector<InitialPoint>& points, std::size_t limit, Random random) {
   if (points.size() <= limit) return;
+  std::vector<std::uint64_t> lots(points.size());  // no two alike, for bits() is a permutation
+  for (std::uint64_t& lot : lots) lot = random.bits();
+  std::vector<std::uint64_t> order = lots;
+  const auto bound = order.begin() + static_cast<std::ptrdiff_t>(limit);
+  std::nth_element(order.begin(), bound, order.end());
   std::vector<InitialPoint> kept;
   kept.reserve(limit);
-  for (std::size_t i = 0, left = points.size(); i < points.size(); ++i, --left) {
-    if (random.below(left) < limit - kept.size()) kept.push_back(points[i]);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (lots[i] < *bound) kept.push_back(points[i]);
   }
   points = std::move(kept);
 }
@@ -95,14 +103,13 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  Random random(seed, 0, RandomPurpose::kInitial);
   const auto budget =
       std::max(std::size_t{1}, static_cast<std::size_t>(kInitialShare * parameters.max_primitives));
   const auto dynamic_budget = static_cast<std::size_t>(kDynamicShare * static_cast<double>(budget));
   const std::size_t static_kept =
       std::min(fixed.size(), budget - std::min(dynamic_budget, moving.size()));
-  thin(moving, budget - static_kept, random);
-  thin(fixed, static_kept, random);
+  thin(moving, budget - static_kept, Random(seed, 0, RandomPurpose::kInitial));
+  thin(fixed, static_kept, Random(kSharedSeed, 0, RandomPurpose::kStatic));
   fixed.insert(fixed.end(), moving.begin(), moving.end());
   if (fixed.empty()) {
     return invalid_file(
@@ -140,10 +147,9 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   for (int c = 0; c < 3; ++c) state.velocity[3 * i + c] = point.velocity[c] * gain;
 }
 
-}  // namespace
-
-Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
-                                 const Ablation& ablation, std::uint64_t seed) {
+// But for the background.
+Result<TrainState> start_of(const PreparedCapture& capture, const HyperParameters& parameters,
+                            const Ablation& ablation, std::uint64_t seed) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
               load_points(capture, parameters, ablation, seed));
   std::map<int, std::vector<std::uint32_t>> by_frame;
@@ -175,15 +181,19 @@ Result<TrainState> initial_state(const PreparedCapture& capture, const HyperPara
     start_coupled(state, static_cast<float>(capture.time_base.seconds(1)));
     state.derive_all(false);
   }
+  return state;
+}
+
+}  // namespace
+
+Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
+                                 const Ablation& ablation, std::uint64_t seed) {
+  STGS_ASSIGN(TrainState state, start_of(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0) {
-    if (capture.window) {
-      // The whole capture's, so that all windows have the same.
-      STGS_ASSIGN(const TrainState whole,
-                  initial_state(whole_of(capture), parameters, ablation, seed));
-      state.background = whole.background;
-    } else {
-      STGS_ASSIGN(state.background, scene_background(capture, state.set));
-    }
+    // Of the whole capture and no window's seed, so that all windows have the same.
+    const PreparedCapture whole = whole_of(capture);
+    STGS_ASSIGN(const TrainState start, start_of(whole, parameters, ablation, kSharedSeed));
+    STGS_ASSIGN(state.background, scene_background(whole, start.set));
   }
   return state;
 }

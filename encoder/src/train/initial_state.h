@@ -12,7 +12,10 @@
 namespace stgs::encoder {
 
 // Reads the capture's points and makes primitives of them: dynamic ones centred on their frame,
-// with their measured motion; static ones alive over the whole clip.
+// with their measured motion; static ones alive over the whole clip. Where there are too many, a
+// random choice of them: of the dynamic ones by the seed, of the static ones the same for all
+// windows and seeds, or the first part of it where a window has more dynamic ones. The background
+// is the capture's, whatever the window and the seed (but for rounding: the start is drawn for it).
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed);
 

@@ -15,7 +15,8 @@ enum class RandomPurpose : std::uint64_t {
   kViews = 2,
   kDensify = 3,
   kPatch = 4,
-  kDrop = 5
+  kDrop = 5,
+  kStatic = 6
 };
 
 class Random {

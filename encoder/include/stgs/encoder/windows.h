@@ -2,8 +2,9 @@
 // Long captures: windows of time that overlap, trained as jobs of their own, and merged.
 //
 // A window is a capture whose frame 0 is one of the whole capture's; its scene remembers which. All
-// windows have the same cameras, the same static initial points, the same background and, as the
-// mean of the cameras' colour corrections is the identity in each, the same colours.
+// windows have the same cameras, the same static initial points (where a window has room for fewer,
+// the first part of the same choice), the same background and, as the mean of the cameras' colour
+// corrections is the identity in each, the same colours.
 #pragma once
 
 #include <string>
@@ -59,8 +60,9 @@ bool comes_before(const Scene& a, const Scene& b);
 
 // The scene of the whole capture from those of its windows, in any order: moments on the capture's
 // clock, each window a part (spec/stgs-format.md 5.10) that is drawn up to the middle of what it
-// shares with the next; parts are in the order of time. At least two. kUsage where they are not
-// windows of one capture, were not trained alike, or leave frames out.
-Result<Scene> merge_windows(std::vector<WindowScene> windows);
+// shares with the next; parts are in the order of time. At least two. Backgrounds that differ by
+// rounding become the first window's, and `log`, which may be null, tells. kUsage where they are
+// not windows of one capture, were not trained alike, or leave frames out.
+Result<Scene> merge_windows(std::vector<WindowScene> windows, const LogSink& log = {});
 
 }  // namespace stgs::encoder
