@@ -24,6 +24,8 @@ constexpr double kMostOctaves = 3.0;  // that importance makes a step finer or c
 // seen for at most 1.18 L from T on, where its opacity falls to 1/255 (spec 7.5.4).
 constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
+// Of a displacement in steps, whose product with a multiplier stays below 2^23.
+constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
 constexpr double kLeastRotation = -12.0, kMostRotation = -1.0;  // octaves
 
 // The least power of two in which numbers up to `largest` fit `bits` bits.
@@ -211,6 +213,20 @@ Integers position(const Gaussians4D& part, const GroupSteps& steps,
   return out;
 }
 
+// The greatest displacement of a component over a lifespan, scene units (spec 7.5.4).
+double farthest_way(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                    float part_ticks) {
+  double out = 0.0;
+  for (const std::uint32_t i : members) {
+    const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double u = set.velocity[3 * std::size_t{i} + c];
+      out = std::max(out, std::ldexp(std::abs(u), life));
+    }
+  }
+  return out;
+}
+
 double mean_of(std::span<const float> values) {
   double sum = 0.0;
   for (const float v : values) sum += v;
@@ -221,7 +237,8 @@ double mean_of(std::span<const float> values) {
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
                      double longest_part, double quality, double max_error)
-    : max_error_(max_error),
+    : longest_part_(static_cast<float>(longest_part)),
+      max_error_(max_error),
       power_(by_size ? kPowerBySize : kPower),
       position_power_(by_size ? kPositionPowerBySize : kPower) {
   // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
@@ -250,6 +267,13 @@ Step Quantiser::bounded(double octaves, double share, int in_octave) const {
   return size_of(bound) < size_of(step) ? bound : step;
 }
 
+// Never so fine that what goes farthest has no number.
+Step Quantiser::displacement_step(double octaves, double farthest) const {
+  const Step step = bounded(octaves, kDisplacementShare, kFineSteps);
+  if (size_of(step) >= size_of(step_for(farthest, kFineDisplacementBits))) return step;
+  return coarser_of(bounded(octaves, kDisplacementShare, 1), step_for(farthest, kDisplacementBits));
+}
+
 Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
                                       std::span<const PartRange> parts) const {
   Gaussians4D out = set;
@@ -276,7 +300,8 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
       step_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
-  out.displacement = bounded(steps_.displacement + coarser, kDisplacementShare, kFineSteps);
+  out.displacement =
+      displacement_step(steps_.displacement + coarser, farthest_way(set, members, longest_part_));
   out.log_scale = fine(steps_.log_scale);
   out.rotation =
       step_near(std::clamp(steps_.rotation + coarser, kLeastRotation, kMostRotation), kCoarseSteps);

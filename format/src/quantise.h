@@ -63,10 +63,13 @@ class Quantiser {
  private:
   // Near 2^octaves, and not more than this share of the bound.
   Step bounded(double octaves, double share, int in_octave) const;
+  // Of displacements of which none is greater than `farthest`, scene units.
+  Step displacement_step(double octaves, double farthest) const;
 
   Steps steps_;
   std::optional<LifespanGrids> lifespans_;
-  double max_error_ = 0;  // scene units; 0: no bound
+  float longest_part_ = 0;  // ticks
+  double max_error_ = 0;    // scene units; 0: no bound
   // Of importance in a step, and in that of a position.
   double power_ = 0, position_power_ = 0;
   double coarser_ = 0;      // octaves, of the quality

@@ -132,26 +132,64 @@ TEST_CASE("what was written is known again by its content") {
 }
 
 TEST_CASE("errors of a conversion are what they say") {
-  Gaussians4D a = testing::random_scene(4, 1, 6, 8).gaussians, b = a;
-  CHECK(conversion_errors(a, b)->position_max == 0);
-  CHECK(conversion_errors(a, b)->rotation_max < 1e-4);
+  Scene scene = static_scene(testing::random_scene(4, 1, 6, 8).gaussians);
+  Gaussians4D &b = scene.gaussians, a = b;
+  CHECK(conversion_errors(a, scene)->position_max == 0);
+  CHECK(conversion_errors(a, scene)->rotation_max < 1e-4);
   b.position[4] += 0.5f;
   b.log_scale[2] -= 0.25f;
   b.sh[7] += 0.125f;
   for (std::size_t c = 0; c < 4; ++c) b.rotation[c] *= -2;  // the same rotation
   a.rotation[4] = 1, a.rotation[5] = a.rotation[6] = a.rotation[7] = 0;
-  b.rotation[4] = std::sqrt(0.5f), b.rotation[5] = std::sqrt(0.5f);
+  b.rotation[4] = std::cos(0.25f), b.rotation[5] = std::sin(0.25f);
   b.rotation[6] = b.rotation[7] = 0;
-  const auto errors = conversion_errors(a, b);
+  const auto errors = conversion_errors(a, scene);
   REQUIRE(errors.ok());
   CHECK(errors->position_max == Approx(0.5));
   CHECK(errors->position_rms == Approx(0.25));
   CHECK(errors->log_scale_max == Approx(0.25));
   CHECK(errors->harmonics_max == Approx(0.125).epsilon(1e-5));
-  CHECK(errors->rotation_max == Approx(90));
+  CHECK(errors->rotation_max == Approx(28.6479));
   CHECK(errors->colour_max == 0);
   a.resize(3);
-  CHECK_FALSE(conversion_errors(a, b).ok());
+  CHECK_FALSE(conversion_errors(a, scene).ok());
+}
+
+TEST_CASE("errors do not depend on the names of axes, nor on where a straight path begins") {
+  Scene scene = testing::random_scene(2, 0, 6, 8);
+  Gaussians4D& b = scene.gaussians;
+  b.opacity_logit = {2, 2};
+  b.time = {3, 3};
+  b.sigma = b.radius = {2, 2};
+  const Gaussians4D a = b;
+  // A quarter turn about its own x axis; y and z change places.
+  const float* q = a.rotation.data();
+  const float half = std::sqrt(0.5f);
+  b.rotation[0] = half * (q[0] - q[1]), b.rotation[1] = half * (q[0] + q[1]);
+  b.rotation[2] = half * (q[2] + q[3]), b.rotation[3] = half * (q[3] - q[2]);
+  std::swap(b.log_scale[1], b.log_scale[2]);
+  for (std::size_t c = 0; c < 3; ++c) {
+    b.velocity[c] = 0.5f;
+    b.position[c] += 0.5f * 1.5f;
+  }
+  b.time[0] += 1.5f;
+  Gaussians4D meant = a;
+  std::fill_n(meant.velocity.begin(), 3, 0.5f);
+  auto errors = conversion_errors(meant, scene);
+  REQUIRE(errors.ok());
+  CHECK(errors->rotation_max < 0.01);
+  CHECK(errors->log_scale_max < 1e-6);
+  CHECK(errors->position_max < 1e-5);
+  CHECK(errors->time_max == 1.5);
+  CHECK(errors->visibility_max > 0.1);  // it comes and goes later
+  b.time[0] -= 1.5f;
+  for (std::size_t c = 0; c < 3; ++c) b.position[c] -= 0.5f * 1.5f;
+  b.sigma[0] *= 1.25f;
+  b.radius[0] += 0.75f;
+  errors = conversion_errors(meant, scene);
+  CHECK(errors->time_max == 0);
+  CHECK(errors->sigma_max == Approx(std::log(1.25)));
+  CHECK(errors->radius_max == Approx(0.75));
 }
 
 TEST_CASE("a set that cannot be drawn is not written") {

@@ -92,7 +92,7 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     const Result<Scene> back = read(*bytes, &notes);
     REQUIRE(back.ok());
     CHECK(notes.empty());
-    const Result<ConversionErrors> errors = conversion_errors(set, back->gaussians);
+    const Result<ConversionErrors> errors = conversion_errors(set, *back);
     REQUIRE(errors.ok());
     // The farthest coordinate is below 8: steps of 2^-13, half of one an axis.
     CHECK(errors->position_max <= 0.87 / 8192);
@@ -103,8 +103,7 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     CHECK(errors->harmonics_rms < 0.03);
     CHECK(errors->colour_max < 0.004);
     // What was rounded once is not rounded further, but for rotations near a tie.
-    const auto again =
-        conversion_errors(back->gaussians, read(*write_spz(back->gaussians))->gaussians);
+    const auto again = conversion_errors(back->gaussians, *read(*write_spz(back->gaussians)));
     CHECK(again->position_max == 0);
     CHECK(again->log_scale_max == 0);
     CHECK(again->opacity_max == 0);

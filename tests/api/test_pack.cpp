@@ -206,6 +206,58 @@ TEST_CASE("a bound on where primitives lie is kept at every moment") {
   CHECK_FALSE(std::filesystem::exists(files.out));
 }
 
+TEST_CASE("a bound is kept within a bit rate, and the bound that can be kept is named") {
+  Scene scene = random_scene(2000, 0, 60, 18);
+  for (std::size_t i = 0; i < 2000; i += 7) {  // far and fast: its steps are as fine as they can be
+    scene.gaussians.velocity[3 * i] *= 40.0f;
+  }
+  const PackFixture files(scene);
+  encoder::PackReport report;
+  encoder::PackSettings settings;
+  settings.max_error = 1e-4;
+  const Status refused = encoder::pack({files.in}, files.out, settings, &report);
+  REQUIRE(refused.code() == StatusCode::kUnsupported);
+  const std::string before = "asked for, and ", text = refused.message();
+  const std::size_t at = text.find(before);
+  REQUIRE(at != std::string::npos);
+  settings.max_error = std::stod(text.substr(at + before.size()));
+  CHECK(settings.max_error > 1e-4);
+  CHECK(settings.max_error < 0.02);
+  REQUIRE(files.pack(settings, report) == StatusCode::kOk);
+  CHECK(report.position_max <= settings.max_error / 1000);
+  // So near to what can be kept that no first bound on steps is enough.
+  const double plain = report.kbps;
+  for (const double share : {0.95, 0.9, 0.85}) {
+    settings.target_kbps = share * plain;
+    REQUIRE(files.pack(settings, report) == StatusCode::kOk);
+    CHECK(report.kbps <= settings.target_kbps);
+    CHECK(report.position_max <= settings.max_error / 1000);
+  }
+}
+
+TEST_CASE("packing reports what it did to lifespans") {
+  Scene scene = random_scene(500, 0, 60, 19);
+  std::fill(scene.gaussians.opacity_logit.begin(), scene.gaussians.opacity_logit.end(), 3.0f);
+  const PackFixture files(scene);
+  encoder::PackReport fine, coarse;
+  encoder::PackSettings settings;
+  settings.quality = 95;
+  REQUIRE(files.pack(settings, fine) == StatusCode::kOk);
+  settings.quality = 60;
+  REQUIRE(files.pack(settings, coarse) == StatusCode::kOk);
+  for (const encoder::PackReport* report : {&fine, &coarse}) {
+    CHECK(report->time_max > 0);
+    CHECK(report->radius_max > 0);
+    CHECK(report->sigma_max > 0);
+    CHECK(report->visibility_max > 0);
+  }
+  CHECK(fine.time_max <= 0.13);
+  CHECK(fine.time_max < coarse.time_max);
+  CHECK(fine.sigma_max < 0.12);
+  CHECK(fine.sigma_max < coarse.sigma_max);
+  CHECK(fine.visibility_max < coarse.visibility_max);
+}
+
 TEST_CASE("packing measures its pictures") {
   const Scene scene = random_scene(4000, 1, 60, 17);
   encoder::PackReport good, poor;

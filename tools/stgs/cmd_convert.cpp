@@ -72,16 +72,25 @@ Json to_json(const ConversionErrors& e) {
           {"log_scale_max", e.log_scale_max}, {"rotation_max", e.rotation_max},
           {"opacity_max", e.opacity_max},     {"colour_max", e.colour_max},
           {"colour_rms", e.colour_rms},       {"harmonics_max", e.harmonics_max},
-          {"harmonics_rms", e.harmonics_rms}};
+          {"harmonics_rms", e.harmonics_rms}, {"visibility_max", e.visibility_max},
+          {"time_max", e.time_max},           {"radius_max", e.radius_max},
+          {"sigma_max", e.sigma_max}};
 }
 
-std::string to_text(const ConversionErrors& e) {
-  return fmt::format(
+// `timed`: lifespans were written too.
+std::string to_text(const ConversionErrors& e, bool timed) {
+  std::string text = fmt::format(
       "errors: position {:.3g} at most, {:.3g} rms; log scale {:.3g} at most; rotation {:.3g} "
       "degrees at most; opacity {:.3g} at most; colour {:.3g} at most, {:.3g} rms; harmonics "
-      "{:.3g} at most, {:.3g} rms\n",
+      "{:.3g} at most, {:.3g} rms",
       e.position_max, e.position_rms, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
       e.colour_rms, e.harmonics_max, e.harmonics_rms);
+  if (timed) {
+    text += fmt::format(
+        "; opacity at a frame {:.3g}, time {:.3g} and radius {:.3g} frames, sigma {:.3g} % at most",
+        e.visibility_max, e.time_max, e.radius_max, 100.0 * std::expm1(e.sigma_max));
+  }
+  return text + "\n";
 }
 
 class Convert final : public Command {
@@ -242,13 +251,11 @@ class Convert final : public Command {
   // What is published has been read once, where it can be read.
   Status read_back(const std::vector<std::uint8_t>& bytes, Conversion& work) const {
     if (work.to != nullptr && work.to->read == nullptr) return {};
-    Gaussians4D got;
+    Scene got;
     if (work.to == nullptr) {
-      STGS_ASSIGN(Scene scene, read_scene(memory_source(bytes, output_)));
-      got = std::move(scene.gaussians);
+      STGS_ASSIGN(got, read_scene(memory_source(bytes, output_)));
     } else {
-      STGS_ASSIGN(Scene scene, work.to->read(*memory_source(bytes, output_), {}, nullptr));
-      got = std::move(scene.gaussians);
+      STGS_ASSIGN(got, work.to->read(*memory_source(bytes, output_), {}, nullptr));
     }
     STGS_ASSIGN(work.errors, conversion_errors(work.scene.gaussians, got));
     note_rounding(work);
@@ -294,7 +301,7 @@ class Convert final : public Command {
                     primitives, name_of(work.from), name_of(work.to), human_bytes(work.bytes_in),
                     human_bytes(bytes_out), each);
     text += import_text(work.found);
-    if (work.errors) text += to_text(*work.errors);
+    if (work.errors) text += to_text(*work.errors, work.to == nullptr);
     return session.emit(json, text);
   }
 

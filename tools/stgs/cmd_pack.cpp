@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <filesystem>
 
 #include "command.h"
@@ -55,11 +56,14 @@ class Pack final : public Command {
         json,
         fmt::format(
             "{}: {} primitives ({} never visible left out), {} to {}, {:.1f} bytes a primitive\n"
-            "{}errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} "
-            "at most\n",
+            "{}errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} at "
+            "most, {:.3g} at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % at "
+            "most\n",
             output_, report.primitives, report.dropped, human_bytes(report.bytes_in),
             human_bytes(report.bytes_out), report.bytes_per_primitive, loss_text(report),
-            report.position_max, report.position_rms, report.colour_rms, report.opacity_max));
+            report.position_max, report.position_rms, report.colour_rms, report.opacity_max,
+            report.visibility_max, report.time_max, report.radius_max,
+            100.0 * std::expm1(report.sigma_max)));
   }
 
  private:

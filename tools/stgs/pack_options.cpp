@@ -118,7 +118,11 @@ Json to_json(const encoder::PackReport& report) {
            {{"position_max", report.position_max},
             {"position_rms", report.position_rms},
             {"colour_rms", report.colour_rms},
-            {"opacity_max", report.opacity_max}}}};
+            {"opacity_max", report.opacity_max},
+            {"visibility_max", report.visibility_max},
+            {"time_max", report.time_max},
+            {"radius_max", report.radius_max},
+            {"sigma_max", report.sigma_max}}}};
 }
 
 std::string loss_text(const encoder::PackReport& report) {

@@ -8,6 +8,7 @@
 #include "pack/picture_loss.h"
 #include "pack/rate.h"
 #include "stgs/encoder/windows.h"
+#include "stgs/format/differences.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/output_file.h"
@@ -15,10 +16,18 @@
 namespace stgs::encoder {
 namespace {
 
-// Errors of colours and opacities of `decoded`, whose primitive i was primitive order[i] of
-// `original`.
-void measure(const Gaussians4D& original, const Gaussians4D& decoded,
+// Errors of colours, opacities and lifespans of `packed`, whose primitive i was primitive order[i]
+// of `original`.
+void measure(const Gaussians4D& original, const Scene& packed,
              const std::vector<std::uint32_t>& order, PackReport& report) {
+  const Gaussians4D& decoded = packed.gaussians;
+  for_each_in_part(packed, [&](std::size_t i, const TickRange& part) {
+    const LifespanError error = lifespan_error(original, order[i], decoded, i, part);
+    report.visibility_max = std::max(report.visibility_max, error.visibility);
+    report.time_max = std::max(report.time_max, error.time);
+    report.radius_max = std::max(report.radius_max, error.radius);
+    report.sigma_max = std::max(report.sigma_max, error.sigma);
+  });
   const auto sh_stride = static_cast<std::size_t>(3 * original.sh_coefficients());
   double colour_sum = 0.0;
   for (std::size_t i = 0; i < order.size(); ++i) {
@@ -167,7 +176,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   report->kbps = kbps_of(packed.bytes.size(), scene.metadata);
   report->position_max = packed.position_max;
   report->position_rms = packed.position_rms;
-  measure(scene.gaussians, packed.decoded.gaussians, packed.order, *report);
+  measure(scene.gaussians, packed.decoded, packed.order, *report);
   return {};
 }
 

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
-#include "stgs/format/math/blend.h"
-#include "stgs/format/math/lifespan.h"
+#include "stgs/format/differences.h"
 
 namespace stgs::encoder {
 namespace {
@@ -15,20 +15,13 @@ constexpr int kTighterBounds = 4;  // attempts at an error that the first bound 
 
 void measure_positions(const Scene& scene, Packed& packed) {
   double largest = 0.0, squares = 0.0;
-  std::uint64_t part_end = 0;
-  std::size_t part = 0;
-  for (std::size_t i = 0; i < packed.order.size(); ++i) {
-    double length = scene.metadata.frames;
-    if (!packed.decoded.parts.empty()) {
-      while (i >= part_end) part_end += packed.decoded.parts[part++].primitives;
-      const ScenePart& in = packed.decoded.parts[part - 1];
-      length = in.end_ticks - in.begin_ticks;
-    }
-    const double error =
-        trajectory_error(scene.gaussians, packed.order[i], packed.decoded.gaussians, i, length);
+  const Scene& decoded = packed.decoded;
+  for_each_in_part(decoded, [&](std::size_t i, const TickRange& part) {
+    const double error = trajectory_error(scene.gaussians, packed.order[i], decoded.gaussians, i,
+                                          part.end - part.begin);
     largest = std::max(largest, error);
     squares += error * error;
-  }
+  });
   packed.position_max = largest;
   packed.position_rms =
       std::sqrt(squares / std::max(1.0, static_cast<double>(packed.order.size())));
@@ -51,24 +44,34 @@ Status decode(const Scene& scene, Packed& packed) {
   return {};
 }
 
+// At a quality, and decoded: with the first bound on steps that keeps max_error, which is less than
+// that where a lifespan is rounded too. `too_far` where none does: the least error that was
+// reached, scene units.
 Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double quality,
-                       const std::function<Status()>& go_on) {
+                       const std::function<Status()>& go_on, std::optional<double>& too_far) {
   WriteSettings write = write_settings(settings, quality);
   const double bound = write.max_error;
-  Packed packed;
-  packed.quality = quality;
+  double least = HUGE_VAL;
   for (int attempt = 0; attempt <= kTighterBounds; ++attempt, write.max_error *= 0.5) {
     STGS_TRY(go_on());
-    packed.order.clear();
+    Packed packed;
+    packed.quality = quality;
     STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
     STGS_TRY(decode(scene, packed));
     if (bound == 0.0 || packed.position_max <= bound) return packed;
+    least = std::min(least, packed.position_max);
   }
+  too_far = least;
+  return Packed{};
+}
+
+Status cannot_keep(const PackSettings& settings, double least) {
+  const double digits = std::pow(10.0, std::floor(std::log10(1000.0 * least)) - 2.0);
   return unsupported(
       "primitives within {:g} thousandths of a scene unit are asked for, and {:.3g} is the best "
       "that positions of 21 bits reach over this scene: ask for that, or cut away what lies far "
       "out",
-      settings.max_error, 1000.0 * packed.position_max);
+      settings.max_error, std::ceil(1000.0 * least / digits) * digits);
 }
 
 }  // namespace
@@ -77,50 +80,47 @@ double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
   return static_cast<double>(bytes) * 8e-3 / metadata.time_base.seconds(metadata.frames);
 }
 
-double trajectory_error(const Gaussians4D& a, std::size_t i, const Gaussians4D& b, std::size_t j,
-                        double part_ticks) {
-  const float half = math::support_half_width(math::opacity_of(a.opacity_logit[i]), a.sigma[i],
-                                              a.radius[i], math::kAlphaThreshold);
-  if (half < 0.0f) return 0.0;
-  const double first = std::max(0.0, double{a.time[i]} - half);
-  const double last = std::min(part_ticks, double{a.time[i]} + half);
-  if (first > last) return 0.0;
-  double largest = 0.0;
-  for (const double t : {first, last}) {  // both go straight: the difference is greatest at an end
-    double squared = 0.0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const double x = a.position[3 * i + c] + a.velocity[3 * i + c] * (t - a.time[i]);
-      const double y = b.position[3 * j + c] + b.velocity[3 * j + c] * (t - b.time[j]);
-      squared += (x - y) * (x - y);
-    }
-    largest = std::max(largest, squared);
-  }
-  return std::sqrt(largest);
-}
-
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
                            const std::function<Status()>& go_on) {
-  if (settings.target_kbps == 0.0) return pack_at(scene, settings, settings.quality, go_on);
-  // The greatest quality that fits lies in [low, high): bytes grow with it.
+  std::optional<double> too_far;
+  if (settings.target_kbps == 0.0) {
+    STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, go_on, too_far));
+    if (too_far) return cannot_keep(settings, *too_far);
+    return packed;
+  }
+  // The greatest quality that fits lies in [low, high): bytes grow with it. Where max_error cannot
+  // be kept, it may be at a greater one, whose lifespans are finer.
   int low = -1, high = 100 * kRateSteps + 1;
-  double least = 0.0;
+  double least = 0.0, least_quality = 0.0;
+  Packed best;
   while (high - low > 1) {
-    STGS_TRY(go_on());
     const int middle = low + (high - low) / 2;
-    STGS_ASSIGN(
-        const std::vector<std::uint8_t> bytes,
-        encode_scene(scene, write_settings(settings, static_cast<double>(middle) / kRateSteps)));
-    const double kbps = kbps_of(bytes.size(), scene.metadata);
-    if (middle == 0) least = kbps;
-    (kbps <= settings.target_kbps ? low : high) = middle;
+    const double quality = static_cast<double>(middle) / kRateSteps;
+    std::optional<double> not_here;
+    STGS_ASSIGN(Packed packed, pack_at(scene, settings, quality, go_on, not_here));
+    if (not_here) {
+      too_far = std::min(*not_here, too_far.value_or(HUGE_VAL));
+      low = middle;
+      continue;
+    }
+    const double kbps = kbps_of(packed.bytes.size(), scene.metadata);
+    if (kbps <= settings.target_kbps) {
+      low = middle;
+      best = std::move(packed);
+    } else {
+      high = middle;
+      least = kbps;
+      least_quality = quality;
+    }
   }
-  if (low < 0) {
-    return usage_error(
-        "{:g} kbit/s is too little: at quality 0{} this scene takes {:.1f}; train fewer primitives "
-        "(--max-primitives)",
-        settings.target_kbps, settings.max_error > 0.0 ? " within --max-error" : "", least);
-  }
-  return pack_at(scene, settings, static_cast<double>(low) / kRateSteps, go_on);
+  if (!best.bytes.empty()) return best;
+  if (least == 0.0) return cannot_keep(settings, *too_far);
+  return usage_error(
+      "{:g} kbit/s is too little: at quality {:g}{} this scene takes {:.1f}; train fewer "
+      "primitives "
+      "(--max-primitives)",
+      settings.target_kbps, least_quality, settings.max_error > 0.0 ? " within --max-error" : "",
+      least);
 }
 
 }  // namespace stgs::encoder

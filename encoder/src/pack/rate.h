@@ -30,9 +30,4 @@ Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
 // Mean bit rate of a file over its duration, thousands of bits a second.
 double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata);
 
-// How far apart primitive i of `a` and j of `b` lie at most, scene units, at the moments of their
-// part, which lasts `part_ticks`, at which that of `a` is seen; 0 where it never is.
-double trajectory_error(const Gaussians4D& a, std::size_t i, const Gaussians4D& b, std::size_t j,
-                        double part_ticks);
-
 }  // namespace stgs::encoder

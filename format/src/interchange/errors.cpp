@@ -3,7 +3,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "interchange/rotation_angle.h"
+#include "axis_turns.h"
+#include "stgs/format/differences.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
@@ -13,30 +14,42 @@ namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
+void keep_larger(double& a, double b) {
+  a = std::max(a, b);
+}
+
+// Place, shape and time. Adds to `squares`, of positions.
+void compare_geometry(const Gaussians4D& meant, const Scene& got, ConversionErrors& errors,
+                      double& squares) {
+  const Gaussians4D& set = got.gaussians;
+  for_each_in_part(got, [&](std::size_t i, const TickRange& part) {
+    const double position = trajectory_error(meant, i, set, i, part.end - part.begin);
+    squares += position * position;
+    keep_larger(errors.position_max, position);
+    const ShapeDifference shape = shape_difference(meant, i, set, i);
+    keep_larger(errors.log_scale_max, shape.log_scale);
+    keep_larger(errors.rotation_max, kDegrees * shape.angle);
+    const LifespanError lifespan = lifespan_error(meant, i, set, i, part);
+    keep_larger(errors.visibility_max, lifespan.visibility);
+    keep_larger(errors.time_max, lifespan.time);
+    keep_larger(errors.radius_max, lifespan.radius);
+    keep_larger(errors.sigma_max, lifespan.sigma);
+  });
+}
+
 }  // namespace
 
-Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Gaussians4D& got) {
+Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Scene& read) {
+  const Gaussians4D& got = read.gaussians;
   if (meant.size() != got.size() || meant.sh_degree != got.sh_degree) {
     return runtime_error("{} primitives of degree {} were written, {} of degree {} came back",
                          meant.size(), meant.sh_degree, got.size(), got.sh_degree);
   }
   ConversionErrors errors;
   double position = 0, colour = 0, harmonics = 0;
+  compare_geometry(meant, read, errors, position);
   const auto coefficients = static_cast<std::size_t>(meant.sh_coefficients());
   for (std::size_t i = 0; i < meant.size(); ++i) {
-    double squared = 0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const double d = double{meant.position[3 * i + c]} - got.position[3 * i + c];
-      squared += d * d;
-      errors.log_scale_max =
-          std::max(errors.log_scale_max,
-                   std::abs(double{meant.log_scale[3 * i + c]} - got.log_scale[3 * i + c]));
-    }
-    position += squared;
-    errors.position_max = std::max(errors.position_max, std::sqrt(squared));
-    errors.rotation_max = std::max(
-        errors.rotation_max,
-        kDegrees * rotation_angle(meant.rotation.data() + 4 * i, got.rotation.data() + 4 * i));
     errors.opacity_max =
         std::max(errors.opacity_max, std::abs(double{math::opacity_of(meant.opacity_logit[i])} -
                                               math::opacity_of(got.opacity_logit[i])));

@@ -55,6 +55,9 @@ struct PackReport {
   double position_max = 0, position_rms = 0;  // scene units, at the moment where it is greatest
   double colour_rms = 0;                      // of the degree-0 colour, sRGB-encoded, 0..1
   double opacity_max = 0;                     // 0..1
+  // Of opacity and lifespan together: opacity at a frame, 0..1. Then of T and r, frames, and sigma,
+  // natural log, of what is not seen alike throughout its part.
+  double visibility_max = 0, time_max = 0, radius_max = 0, sigma_max = 0;
   // PSNR of its pictures against the scene's, dB (src/pack/picture_loss.h); none without a start
   // camera.
   std::optional<double> pictures_psnr;

@@ -71,14 +71,18 @@ Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
 
 // How far a set that was written and read back is from what was meant, primitive by primitive.
 struct ConversionErrors {
-  double position_max = 0, position_rms = 0;    // scene units
-  double log_scale_max = 0;                     // natural log
-  double rotation_max = 0;                      // degrees
+  // Scene units, where it is seen and at the moment when it is greatest.
+  double position_max = 0, position_rms = 0;
+  // Natural log and degrees, of the least turn: a writer may give the axes other names.
+  double log_scale_max = 0, rotation_max = 0;
   double opacity_max = 0;                       // 0..1
   double colour_max = 0, colour_rms = 0;        // of the degree-0 colour, sRGB-encoded, 0..1
   double harmonics_max = 0, harmonics_rms = 0;  // of the coefficients above degree 0
+  // As LifespanError has them: 0..1, frames, frames, natural log.
+  double visibility_max = 0, time_max = 0, radius_max = 0, sigma_max = 0;
 };
-// Two sets of the same size and degree, in the same order; kRuntime where they are not.
-Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Gaussians4D& got);
+// A set of the same size and degree as that of the scene, in the same order; kRuntime where it is
+// not.
+Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Scene& got);
 
 }  // namespace stgs
