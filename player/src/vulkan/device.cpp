@@ -15,7 +15,7 @@ namespace {
 constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
-constexpr std::uint32_t kBallotSharedBytes = 27648;  // of sort_scatter.comp with 16 lanes
+constexpr std::uint32_t kBallotSharedBytes = 18432;  // of sort_scatter.comp with 16 lanes
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 // How long a frame is looked for before its interrupt is waited for: longer than most take.
 constexpr std::chrono::milliseconds kLookedFor{4};
