@@ -12,7 +12,14 @@
 namespace stgs {
 namespace {
 
-constexpr int kDefaultQuality = 85;
+// Octaves of steps, 0 at kReference: 12.5 units of quality an octave below it and 6 above. Below
+// kPoor pictures fall apart, so that there a unit does less.
+constexpr double kReference = 85.0, kPoor = 55.0;
+constexpr double kUnits = 12.5, kFinerUnits = 6.0, kPoorUnits = 25.0;
+// Steps in octaves beyond which what they save costs more in pictures than it would anywhere else:
+// of opacity (logit), T (ticks), log-scale, rotation, and the opacity that a constant may be off.
+constexpr double kCoarsestOpacity = -0.5, kCoarsestTime = -0.5, kCoarsestLogScale = -0.75;
+constexpr double kMostEvenOpacity = -3.5;
 constexpr double kEvenOpacity = -5.0;  // octaves: opacity that a constant lifespan may be off
 // Powers of importance in steps, measured: less than the ideal 0.5. One that is guessed by size
 // says less, least about positions: what is small needs its place as exactly as what is large.
@@ -26,7 +33,7 @@ constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
 // Of a displacement in steps, whose product with a multiplier stays below 2^23.
 constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
-constexpr double kLeastRotation = -12.0, kMostRotation = -1.0;  // octaves
+constexpr double kLeastRotation = -12.0, kMostRotation = -2.5;
 
 // The least power of two in which numbers up to `largest` fit `bits` bits.
 Step step_for(double largest, int bits) {
@@ -227,6 +234,12 @@ double farthest_way(const Gaussians4D& set, const std::vector<std::uint32_t>& me
   return out;
 }
 
+double octaves_coarser(double quality) {
+  if (quality >= kReference) return (kReference - quality) / kFinerUnits;
+  const double poor = std::max(0.0, kPoor - quality);
+  return (kReference - quality - poor) / kUnits + poor / kPoorUnits;
+}
+
 double mean_of(std::span<const float> values) {
   double sum = 0.0;
   for (const float v : values) sum += v;
@@ -241,8 +254,7 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
       max_error_(max_error),
       power_(by_size ? kPowerBySize : kPower),
       position_power_(by_size ? kPositionPowerBySize : kPower) {
-  // Octaves: 6.8 coarser at quality 0, 2.5 finer at 100.
-  coarser_ = (kDefaultQuality - quality) / (quality < kDefaultQuality ? 12.5 : 6.0);
+  coarser_ = octaves_coarser(quality);
   importance_ = mean_of(importance);
   const double size = typical_log_scale(set) / std::log(2.0);
   coarsest_position_ = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
@@ -253,11 +265,13 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   steps_.rotation = -5.2;
   steps_.sh[0] = by_size ? -4.35 : -4.65;
   steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
-  steps_.opacity = step_near(-1.5 + coarser_, kFineSteps);
+  steps_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
   double still = std::exp2(steps_.displacement + coarser_);
   if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
-  lifespans_.emplace(longest_part, -2.0 + coarser_, std::clamp(21.0 + coarser_, 16.0, 22.0),
-                     steps_.opacity, ConstantBounds{still, std::exp2(kEvenOpacity + coarser_)});
+  lifespans_.emplace(
+      longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
+      std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
+      ConstantBounds{still, std::exp2(std::min(kEvenOpacity + coarser_, kMostEvenOpacity))});
 }
 
 Step Quantiser::bounded(double octaves, double share, int in_octave) const {
@@ -302,7 +316,7 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
     out.origin[axis] = on_grid(extent.low[axis], out.position);
   out.displacement =
       displacement_step(steps_.displacement + coarser, farthest_way(set, members, longest_part_));
-  out.log_scale = fine(steps_.log_scale);
+  out.log_scale = step_near(std::min(steps_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
   out.rotation =
       step_near(std::clamp(steps_.rotation + coarser, kLeastRotation, kMostRotation), kCoarseSteps);
   for (int band = 0; band < 4; ++band) out.sh[band] = fine(steps_.sh[band]);
