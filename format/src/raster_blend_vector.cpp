@@ -80,16 +80,17 @@ HWY_INLINE bool blend_row(const RowSplat& r, const Splat& s, int k, int y, int a
   return !hn::AllFalse(d, stopped);
 }
 
-void write_tile(const Tile& tile, const PixelBox& box, const SplatFrame& frame,
+void write_tile(const Tile& tile, const TileWork& work, const SplatFrame& frame,
                 const RasterSettings& settings, RasterOutput& output) {
+  const PixelBox& box = work.pixels;
   for (int y = box.y0; y < box.y1; ++y) {
     const std::size_t first = static_cast<std::size_t>(y) * frame.width + box.x0;
-    const int row = (y - box.y0) * kTileSize;
+    const int row = ((y - box.y0) >> work.halvings) * kTileSize;
     float* red = output.colour.plane(0) + first;
     float* green = output.colour.plane(1) + first;
     float* blue = output.colour.plane(2) + first;
     for (int x = 0; x < box.x1 - box.x0; ++x) {
-      const int at = row + x;
+      const int at = row + (x >> work.halvings);
       const float left = std::abs(tile.transmittance[at]), alpha = 1.0f - left;
       red[x] = tile.red[at] + left * settings.background.x;
       green[x] = tile.green[at] + left * settings.background.y;
@@ -105,15 +106,13 @@ void write_tile(const Tile& tile, const PixelBox& box, const SplatFrame& frame,
 void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int tile_index,
                 RasterOutput& output) {
   const int lanes = static_cast<int>(hn::Lanes(Row()));
-  const PixelBox box = tile_pixels(frame, tile_index);
-  const std::uint32_t* list = frame.instances.data() + frame.tile_begin[tile_index];
-  const int count =
-      static_cast<int>(frame.tile_begin[tile_index + 1] - frame.tile_begin[tile_index]);
+  const TileWork work(frame, settings, tile_index);
+  const PixelBox& box = work.box;
   Tile tile;
   tile.begin(box.x1 - box.x0, box.y1 - box.y0);
-  for (int k = 0; k < count && tile.rows_left != 0; ++k) {
-    const Splat& s = frame.splats[list[k]];
-    prefetch(frame, list, k + kAhead, count);
+  for (int k = 0; k < work.count && tile.rows_left != 0; ++k) {
+    const Splat& s = work.splats[work.list[k]];
+    prefetch(work.splats, work.list, k + kAhead, work.count);
     const PixelBox covered = covered_pixels(s, box);
     const std::uint32_t rows_left = tile.rows_left;
     for (int x = (covered.x0 - box.x0) / lanes * lanes; x < covered.x1 - box.x0; x += lanes) {
@@ -125,7 +124,7 @@ void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int til
       }
     }
   }
-  write_tile(tile, box, frame, settings, output);
+  write_tile(tile, work, frame, settings, output);
 }
 
 const char* target_name() {

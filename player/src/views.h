@@ -2,6 +2,7 @@
 // What every backend asks of a call.
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "stgs/player/renderer.h"
@@ -20,6 +21,10 @@ inline Status check_views(const std::vector<View>& views) {
     if (!side(view.camera.width) || !side(view.camera.height)) {
       return usage_error("a view of {}x{} pixels cannot be drawn; each side is 1 to {}",
                          view.camera.width, view.camera.height, kMaxSide);
+    }
+    if (view.fovea && !(view.fovea->radius >= 0 && std::isfinite(view.fovea->centre.x) &&
+                        std::isfinite(view.fovea->centre.y))) {
+      return usage_error("a view's fovea has a centre and a radius of 0 or more, in pixels");
     }
   }
   return {};

@@ -192,6 +192,10 @@ class Reading(CliTest):
         self.assertEqual(two["alive"], one["alive"])
         self.assertGreater(two["drawn"], 1.5 * one["drawn"])
         self.assertIn(b"two eyes take", self.succeeds(*args, "--stereo", "0.06").stdout)
+        near = self.json_of(*args, "--stereo", "0.06", "--fovea", "8")
+        self.assertEqual((one["fovea"], near["fovea"]), (None, 8))
+        times = near["again"]["frame_ms"]["p50"] / near["stereo"]["one_eye_alike"]["frame_ms"]["p50"]
+        self.assertAlmostEqual(near["stereo"]["times_one_eye_alike"], times)
 
     def test_bench_tells_steps_where_the_backend_does(self):
         # At once, not after the many pictures of the first pass.

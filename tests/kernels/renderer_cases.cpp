@@ -254,6 +254,22 @@ TEST_CASE("two eyes with frusta askew are drawn as the CPU draws them, and as ea
   }
 }
 
+TEST_CASE("away from where the eye looks pictures are at half resolution, as the CPU's") {
+  const auto device = device_renderer(), variant = device_renderer({.variant = true});
+  const auto timeline = timeline_over(random_scene(4000, 1, kFrames, 29));
+  View left = view_of(333, 211), right = view_of(149, 100);
+  left.fovea = Fovea{{140.5f, 97.0f}, 61.0f};
+  right.fovea = Fovea{{-40.0f, 20.0f}, 0.0f};  // none of it at full resolution
+  const View whole = view_of(101, 67);
+  check_alike(*timeline, 0.97, {left, whole, right}, *device);
+  check_alike(*timeline, 0.97, {left, right}, *variant);
+  View everywhere = left, nowhere = left;
+  everywhere.fovea->radius = 1e6f;
+  nowhere.fovea.reset();
+  CHECK(same(draw(*device, *timeline, 0.97, {everywhere})[0],
+             draw(*device, *timeline, 0.97, {nowhere})[0]));
+}
+
 TEST_CASE("the number of views may change from call to call, and a view may see nothing") {
   const auto device = device_renderer();
   const auto timeline = timeline_over(random_scene(3000, 1, kFrames, 15));
@@ -466,6 +482,11 @@ TEST_CASE("what cannot be drawn is refused, and the renderer goes on") {
   CHECK(device->draw(*timeline, 0, {view, view, view, view, view}, nullptr).code() ==
         StatusCode::kUsage);
   CHECK(device->draw(*timeline, NAN, {view}, nullptr).code() == StatusCode::kUsage);
+  View narrow = view;
+  narrow.fovea = Fovea{{16, 16}, -1};
+  CHECK(device->draw(*timeline, 0, {narrow}, nullptr).code() == StatusCode::kUsage);
+  narrow.fovea = Fovea{{NAN, 16}, 1};
+  CHECK(device->draw(*timeline, 0, {narrow}, nullptr).code() == StatusCode::kUsage);
   std::vector<Frame> frames(3);
   check(device->read(frames));
   CHECK(frames.empty());

@@ -14,6 +14,7 @@
 
 #include "raster_scene.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/fovea.h"
 #include "stgs/format/raster.h"
 #include "vector_targets.h"
 
@@ -252,6 +253,50 @@ TEST_CASE("every vector unit draws what the reference draws") {
     compare_with_reference();
   });
   CHECK(targets.size() == hwy::SupportedAndGeneratedTargets().size());
+}
+
+TEST_CASE("beyond the fovea a pixel stands for a square of 2 x 2 and is near their mean") {
+  const auto camera = testing::scene_camera(203, 121);
+  const auto set = testing::random_scene(3000, camera, 9, {1, -2.8f, 0.6f});
+  for (const bool scalar : {true, false}) {
+    SplatFrame frame;
+    RasterOutput whole, halved;
+    RasterSettings settings = settings_of(scalar);
+    render(set, 10.0f, camera, settings, frame, whole);
+    settings.fovea = Fovea{{90.0f, 60.0f}, 30.0f};
+    blend(frame, settings, halved);
+    double squares = 0;
+    int kept = 0, compared = 0;
+    for (int y = 0; y + 1 < frame.height; y += 2) {
+      for (int x = 0; x + 1 < frame.width; x += 2) {
+        const auto beyond =
+            math::beyond_fovea(settings.fovea->centre, settings.fovea->radius,
+                               static_cast<float>(x / 32 * 32), static_cast<float>(y / 32 * 32));
+        const int at[] = {y * frame.width + x, y * frame.width + x + 1, (y + 1) * frame.width + x,
+                          (y + 1) * frame.width + x + 1};
+        for (int c = 0; c < 3; ++c) {
+          const float *full = whole.colour.plane(c), *half = halved.colour.plane(c);
+          float mean = 0;
+          for (const int p : at) {
+            mean += 0.25f * full[p];
+            if (beyond) {
+              REQUIRE(half[p] == half[at[0]]);
+            } else {
+              REQUIRE(half[p] == full[p]);
+            }
+          }
+          if (!beyond) continue;
+          squares += (mean - half[at[0]]) * (mean - half[at[0]]);
+          ++compared;
+        }
+        kept += !beyond;
+      }
+    }
+    CHECK(kept > 500);
+    CHECK(compared > 9000);
+    INFO("scalar: " << scalar << ", " << -10 * std::log10(squares / compared) << " dB");
+    CHECK(-10 * std::log10(squares / compared) > 38);
+  }
 }
 
 TEST_CASE("one thread and two draw the same bits") {

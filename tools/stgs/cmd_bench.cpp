@@ -30,7 +30,8 @@ class Bench final : public Command {
             "drew it; slice: what is visible at the moment, projected; bin: into tiles, in order;\n"
             "blend: the pixels; device: these three by the clock of a GPU. Milliseconds a\n"
             "picture, over the pictures of a pass; fps is 1000 over the median.\n"
-            "--stereo draws two eyes in one call and, in a third pass, the left one alone.\n"
+            "--stereo draws two eyes in one call and, in a third pass, the left one alone:\n"
+            "with --fovea at full resolution and, in a fourth pass, as it is drawn for two.\n"
             "--steps draws each picture of the second pass once more, step by step, and tells\n"
             "beside the time of a step the least that its bytes or operations can take, where\n"
             "the backend counts them (cuda).\n"
@@ -45,7 +46,7 @@ class Bench final : public Command {
             "--full-harmonics gives a model of lower degree random ones up to degree 3. The\n"
             "whole file is then held lossless in memory.",
             "  stgs bench scene.stgs --size 3840x2160\n"
-            "  stgs bench scene.stgs --size 2064x2208 --stereo 0.063\n"
+            "  stgs bench scene.stgs --size 2064x2208 --stereo 0.063 --fovea 500\n"
             "  stgs bench scene.stgs --play player --frames 300\n"
             "  stgs bench model.stgs --animate --camera a.json --camera b.json --format json"};
   }
@@ -61,6 +62,9 @@ class Bench final : public Command {
     auto* pictures = app.add_option("--pictures", pictures_, "How many a pass draws");
     pictures->check(number_between(1, 1e6))->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Draw two eyes so far apart, scene units")
+        ->check(number_between(0, 1e6));
+    app.add_option("--fovea", fovea_radius_,
+                   "Full resolution so many pixels around a camera's axis alone, half beyond")
         ->check(number_between(0, 1e6));
     auto* steps =
         app.add_flag("--steps", steps_,
@@ -149,32 +153,40 @@ class Bench final : public Command {
                                      const SceneMetadata& metadata) const {
     const float* b = metadata.background;
     const player::View view{camera.pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
-    if (!eye_distance_) return {view};
-    std::vector<player::View> eyes(2, view);
+    std::vector<player::View> eyes(eye_distance_ ? 2 : 1, view);
+    if (eye_distance_) part_eyes(eyes);
+    for (player::View& eye : eyes) {
+      if (fovea_radius_) eye.fovea = Fovea{{eye.camera.cx, eye.camera.cy}, *fovea_radius_};
+    }
+    return eyes;
+  }
+
+  void part_eyes(std::vector<player::View>& eyes) const {
     for (int eye = 0; eye < 2; ++eye) {
       math::PinholeCamera& pinhole = eyes[static_cast<std::size_t>(eye)].camera;
       const float side = eye == 0 ? 1.0f : -1.0f;
       pinhole.translation.x += side * 0.5f * static_cast<float>(*eye_distance_);
       pinhole.cx += side * kNasalShift * pinhole.width;
     }
-    return eyes;
   }
 
   struct Measured {
-    std::vector<Pass> passes;  // first, again, and with --stereo one eye
+    // First, again; with --stereo one eye at full resolution, with --fovea too one as it is.
+    std::vector<Pass> passes;
     StepTable steps;
   };
 
   Result<Measured> measure(Session& session, player::Timeline& timeline, player::Renderer& renderer,
                            const std::vector<encoder::Camera>& cameras) const {
     Measured out;
-    out.passes.resize(eye_distance_ ? 3 : 2);
+    out.passes.resize(!eye_distance_ ? 2 : fovea_radius_ ? 4 : 3);
     const auto pictures = static_cast<std::size_t>(pictures_), all = out.passes.size() * pictures;
     for (std::size_t k = 0; k < all; ++k) {
       const std::size_t pass = k / pictures, picture = k % pictures;
       std::vector<player::View> views =
           views_of(cameras[picture % cameras.size()], timeline.metadata());
-      if (pass == 2) views.resize(1);
+      if (pass >= 2) views.resize(1);
+      if (pass == 2) views[0].fovea.reset();
       const double seconds =
           timeline.duration_seconds() * (static_cast<double>(picture) + 0.5) / pictures_;
       player::RenderStats stats;
@@ -212,6 +224,13 @@ class Bench final : public Command {
       json["stereo"] = {
           {"eye_distance", *eye_distance_}, {"one_eye", to_json(one)}, {"times_one_eye", times}};
       text += to_text("one eye", one) + fmt::format("two eyes take {:.3f} times as long\n", times);
+      if (fovea_radius_) {
+        const Pass& alike = measured.passes[3];
+        json["stereo"]["one_eye_alike"] = to_json(alike);
+        json["stereo"]["times_one_eye_alike"] =
+            percentile(again.frame, 0.5) / percentile(alike.frame, 0.5);
+        text += to_text("one alike", alike);
+      }
     }
     if (steps_) {
       json["steps"] = measured.steps.to_json();
@@ -257,6 +276,7 @@ class Bench final : public Command {
             {"stored", pass.stored},
             {"alive", mean(pass.alive)},
             {"drawn", mean(pass.drawn)},
+            {"fovea", fovea_radius_ ? Json(*fovea_radius_) : Json(nullptr)},
             {"cameras", sizes}};
   }
 
@@ -275,6 +295,7 @@ class Bench final : public Command {
   int pictures_ = 40, lives_ = 0;
   bool animate_ = false, full_harmonics_ = false, steps_ = false;
   std::optional<double> eye_distance_;
+  std::optional<float> fovea_radius_;
   PlaySettings play_;
   double memory_mb_ = 4096;
 };

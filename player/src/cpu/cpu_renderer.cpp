@@ -57,6 +57,7 @@ class CpuRenderer final : public Renderer {
   void draw(const Timeline::Active& active, const View& view, Frame& frame, RenderStats& stats) {
     RasterSettings settings;
     settings.background = view.background;
+    settings.fovea = view.fovea;
     auto clock = Clock::now();
     begin_frame(view.camera, splats_);
     for (const auto& part : active.parts) {

@@ -44,6 +44,8 @@ struct ViewInput {
   int width, height;  // pixels
   int tiles_x, tiles_y;
   std::uint32_t first_tile;  // of the frame's tiles; views follow each other
+  math::Vec2 fovea;          // its centre, pixels
+  float fovea_radius;        // pixels; infinite: full resolution everywhere
   float* planes;             // 3 colours, alpha, depth
 };
 
@@ -136,9 +138,14 @@ void launch_list(const FrameInput* input, const Workspace& w, const Grids& grids
 // The instances by tile, each tile's in the order of depth, in tile_splats[tile_passes % 2];
 // tile_ranges.
 void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// The pictures of all views, each of `tiles` at most. spec/representation.md, 5. `count`: what it
-// does too, which takes longer.
-void launch_blend(const FrameInput* input, unsigned tiles, unsigned views, const Workspace& w,
-                  bool count, cudaStream_t stream);
+struct BlendGrid {
+  unsigned views = 0;
+  unsigned tiles = 0;  // of a view at most; where there are foveae of its squares of 2 x 2
+  bool fovea = false;  // whether a view has one
+};
+// The pictures of all views. spec/representation.md, 5; math/fovea.h. `count`: what it does too,
+// which takes longer.
+void launch_blend(const FrameInput* input, const BlendGrid& grid, const Workspace& w, bool count,
+                  cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

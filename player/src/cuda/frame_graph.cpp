@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "cuda/pack_pixels.h"
 
@@ -33,6 +34,12 @@ std::uint32_t tiles_of(const View& view) {
                                     tiles_along(view.camera.height));
 }
 
+// Of 2 x 2 tiles.
+std::uint32_t squares_of(const View& view) {
+  return static_cast<std::uint32_t>((tiles_along(view.camera.width) + 1) / 2 *
+                                    ((tiles_along(view.camera.height) + 1) / 2));
+}
+
 }  // namespace
 
 std::uint32_t tiles_of(std::span<const View> views) {
@@ -49,7 +56,11 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
   made.sh_degree = sh_degree;
   made.views = static_cast<std::uint32_t>(views.size());
   made.tiles = tiles_of(views);
-  for (const View& view : views) made.most_tiles = std::max(made.most_tiles, tiles_of(view));
+  for (const View& view : views) made.fovea = made.fovea || view.fovea.has_value();
+  for (const View& view : views) {
+    const std::uint32_t tiles = made.fovea ? 4 * squares_of(view) : tiles_of(view);
+    made.most_tiles = std::max(made.most_tiles, tiles);
+  }
   made.parts = std::max(std::bit_ceil(parts.size() + 1), now_.parts);
   place_pictures(views);
   STGS_TRY(make_room(made));
@@ -103,6 +114,9 @@ void FrameGraph::fill_input(std::span<const View> views, std::span<const Part> p
     input.tiles_x = tiles_along(view.camera.width);
     input.tiles_y = tiles_along(view.camera.height);
     input.first_tile = tiles;
+    const Fovea fovea = view.fovea.value_or(Fovea{{}, std::numeric_limits<float>::infinity()});
+    input.fovea = fovea.centre;
+    input.fovea_radius = fovea.radius;
     input.planes = reinterpret_cast<float*>(pictures_.data() + places_[i].offset);
     tiles += tiles_of(view);
   }
@@ -161,7 +175,7 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Tell
   STGS_TRY(told(kList));
   launch_tile_sort(w, grids, stream);
   STGS_TRY(told(kTileSort));
-  launch_blend(input, now_.most_tiles, now_.views, w, all, stream);
+  launch_blend(input, {now_.views, now_.most_tiles, now_.fovea}, w, all, stream);
   STGS_TRY(told(kBlend));
   STGS_TRY(cuda_status(cudaGetLastError(), "starting the steps of a frame"));
   return cuda_status(cudaMemcpyAsync(counted_.data(), w.counters, sizeof(Counters),

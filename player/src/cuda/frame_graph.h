@@ -38,6 +38,7 @@ class FrameGraph {
     int sh_degree = 0;
     std::uint32_t views = 0, tiles = 0;
     std::uint32_t most_tiles = 0;  // of a view
+    bool fovea = false;            // whether a view has one
     std::size_t parts = 0;         // that the input has room for
     bool operator==(const Made&) const = default;
   };

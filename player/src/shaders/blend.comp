@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blending of a view, nearest first: a workgroup a tile, a pixel an invocation. The tile's list
+// Blending of a view, nearest first: a workgroup a tile, a pixel an invocation; at half resolution
+// the first 64 have one. The tile's list
 // goes through shared memory kGroup splats at a time until no pixel lets light through. Of each
 // batch a block of pixels goes through the splats alone whose ellipse meets it; blocks are
 // invocations side by side, so that subgroups of up to 32 agree on what they skip.
@@ -9,10 +10,12 @@
 
 // After frame.glsl, on which it builds.
 #include "footprint.glsl"
+#include "fovea.glsl"
 #include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
 
 layout(local_size_x = 256) in;
+layout(constant_id = 2) const bool kFovea = true;  // whether the view has one
 layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };
@@ -25,10 +28,15 @@ const uvec2 kBlock = uvec2(8u, 4u);  // pixels
 const uint kWords = kGroup / 32u;
 shared uint hits[kBlocks * kWords];  // of a block, a bit a splat of the stage
 
+// Where a block begins in the tile; `halvings` is 1 where it is drawn at half resolution.
+uvec2 block_corner(uint block, uint halvings) {
+  return (halvings == 1u ? uvec2(0u, block) : uvec2(block % 2u, block / 2u)) * kBlock;
+}
+
 // Whether the splats of the stage meet the blocks.
-void find_hits(uint thread, vec4 a, vec4 b, vec2 tile) {
-  for (uint block = 0u; block < kBlocks; ++block) {
-    vec2 low = tile + vec2(uvec2(block % 2u, block / 2u) * kBlock) + 0.5f;
+void find_hits(uint thread, vec4 a, vec4 b, vec2 tile, uint halvings) {
+  for (uint block = 0u; block < kBlocks >> 2u * halvings; ++block) {
+    vec2 low = tile + vec2(block_corner(block, halvings)) + 0.5f;
     vec2 high = low + vec2(kBlock) - 1.0f;
     if (meets(a, b, low, high)) {
       atomicOr(hits[block * kWords + thread / 32u], 1u << (thread % 32u));
@@ -38,16 +46,21 @@ void find_hits(uint thread, vec4 a, vec4 b, vec2 tile) {
 
 void main() {
   uint thread = gl_LocalInvocationIndex, block = thread / 32u;
+  uint v = push.view;
+  uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y), tile = gl_WorkGroupID.xy;
+  if (tile.x >= tiles.x || tile.y >= tiles.y) return;
+  uint halvings = kFovea && square_is_halved(v, tile / 2u) ? 1u : 0u;
   // Within a block, four invocations are a square and sixteen are four.
   uvec2 at_block = uvec2(thread & 1u | thread >> 1u & 2u | thread >> 2u & 4u,
                          thread >> 1u & 1u | thread >> 2u & 2u);
-  uvec2 corner = gl_WorkGroupID.xy * uint(kTilePixels);
-  uvec2 at_pixel = corner + uvec2(block % 2u, block / 2u) * kBlock + at_block;
-  uint v = push.view;
-  bool inside = at_pixel.x < uint(frame.view[v].width) && at_pixel.y < uint(frame.view[v].height);
+  // Of the picture of half the size where it is halved, as what follows.
+  uvec2 corner = tile * (uint(kTilePixels) >> halvings);
+  uvec2 at_pixel = corner + block_corner(block, halvings) + at_block;
+  uvec2 whole = uvec2(frame.view[v].width, frame.view[v].height);
+  uvec2 size = (whole + halvings) >> halvings;
+  bool inside = block < kBlocks >> 2u * halvings && at_pixel.x < size.x && at_pixel.y < size.y;
   vec2 centre = vec2(at_pixel) + 0.5f;
-  uvec2 range = tile_ranges[frame.view[v].first_tile +
-                            gl_WorkGroupID.y * uint(frame.view[v].tiles_x) + gl_WorkGroupID.x];
+  uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
   bool finished = !inside;
   vec4 sums = vec4(0.0f);
   float t = 1.0f;
@@ -64,10 +77,11 @@ void main() {
     if (at + thread < range.y) {
       uint splat = list[at + thread];
       vec4 a = splat_a[splat], b = splat_b[splat];
+      if (kFovea && halvings == 1u) halve_splat(a, b);
       stage_a[thread] = a;
       stage_b[thread] = b;
       stage_c[thread] = splat_c[splat];
-      find_hits(thread, a, b, vec2(corner));
+      find_hits(thread, a, b, vec2(corner), halvings);
     }
     barrier();
     for (uint word = 0u; word < kWords && !finished; ++word) {
@@ -90,5 +104,10 @@ void main() {
       }
     }
   }
-  if (inside) write_pixel(at_pixel.x, at_pixel.y, sums, t);
+  if (!inside) return;
+  if (kFovea && halvings == 1u) {
+    write_square(2u * at_pixel, whole, sums, t);
+  } else {
+    write_pixel(at_pixel.x, at_pixel.y, sums, t);
+  }
 }

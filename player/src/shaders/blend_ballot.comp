@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blending, nearest first, where subgroups are known: each draws a quarter of a tile, 8 x 8 pixels,
-// by itself, without a barrier of the workgroup. It takes the tile's list a splat a lane, keeps
-// those whose ellipse meets its pixels, and goes through these.
+// Blending, nearest first, where subgroups are known: each draws 8 x 8 pixels by itself, without a
+// barrier of the workgroup: a quarter of a tile, or all of one at half resolution. It takes the
+// tile's list a splat a lane, keeps those whose ellipse meets its pixels, and goes through these.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -10,11 +10,13 @@
 
 // After frame.glsl, on which they build.
 #include "footprint.glsl"
+#include "fovea.glsl"
 #include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
 
-layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
-layout(local_size_x_id = 1) in;                   // kQuarters subgroups
+layout(constant_id = 0) const uint kLanes = 32u;   // of a subgroup: 16 or 32
+layout(local_size_x_id = 1) in;                    // kQuarters subgroups
+layout(constant_id = 2) const bool kFovea = true;  // whether the view has one
 layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };
@@ -50,11 +52,27 @@ void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
   }
 }
 
+void bring(uint splat, uint halvings, out vec4 a, out vec4 b, out vec4 c) {
+  a = splat_a[splat];
+  b = splat_b[splat];
+  c = splat_c[splat];
+  if (kFovea && halvings == 1u) halve_splat(a, b);
+}
+
 void main() {
   uint quarter = gl_SubgroupID, lane = gl_SubgroupInvocationID, stage = quarter * kMostLanes;
-  uvec2 corner = gl_WorkGroupID.xy * uint(kTilePixels) + uvec2(quarter % 2u, quarter / 2u) * kSide;
   uint v = push.view;
-  uvec2 size = uvec2(frame.view[v].width, frame.view[v].height);
+  // Of a square at half resolution, the first workgroup draws all four tiles.
+  uint halvings = kFovea && square_is_halved(v, gl_WorkGroupID.xy / 2u) ? 1u : 0u;
+  if (halvings == 1u && (gl_WorkGroupID.xy & 1u) != uvec2(0u)) return;
+  uvec2 part = uvec2(quarter % 2u, quarter / 2u);
+  uvec2 tile = gl_WorkGroupID.xy + part * halvings;
+  uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y);
+  if (tile.x >= tiles.x || tile.y >= tiles.y) return;
+  // Of the picture of half the size where it is halved.
+  uvec2 corner = halvings == 1u ? tile * kSide : tile * uint(kTilePixels) + part * kSide;
+  uvec2 whole = uvec2(frame.view[v].width, frame.view[v].height);
+  uvec2 size = (whole + halvings) >> halvings;
   if (corner.x >= size.x || corner.y >= size.y) return;
   uvec2 pixel = corner + uvec2(lane % kSide, lane / kSide);
   vec2 centre = vec2(pixel) + 0.5f;
@@ -65,16 +83,12 @@ void main() {
     transmittance[k] = 1.0f;
     sums[k] = vec4(0.0f);
   }
-  uvec2 range = tile_ranges[frame.view[v].first_tile +
-                            gl_WorkGroupID.y * uint(frame.view[v].tiles_x) + gl_WorkGroupID.x];
+  uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
   // A splat is asked for one batch ahead, its number two.
   vec4 a = vec4(0.0f), b = vec4(0.0f), c = vec4(0.0f);
   uint number = 0u;
   if (range.x + lane < range.y) {
-    uint splat = list[range.x + lane];
-    a = splat_a[splat];
-    b = splat_b[splat];
-    c = splat_c[splat];
+    bring(list[range.x + lane], halvings, a, b, c);
   }
   if (range.x + kLanes + lane < range.y) number = list[range.x + kLanes + lane];
   for (uint at = range.x; at < range.y; at += kLanes) {
@@ -92,9 +106,7 @@ void main() {
     }
     subgroupBarrier();
     if (at + kLanes + lane < range.y) {
-      a = splat_a[number];
-      b = splat_b[number];
-      c = splat_c[number];
+      bring(number, halvings, a, b, c);
     }
     if (at + 2u * kLanes + lane < range.y) number = list[at + 2u * kLanes + lane];
     uint count = subgroupBallotBitCount(hits);
@@ -105,6 +117,11 @@ void main() {
   }
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     uvec2 to = uvec2(pixel.x, pixel.y + k * kStep);
-    if (to.x < size.x && to.y < size.y) write_pixel(to.x, to.y, sums[k], transmittance[k]);
+    if (to.x >= size.x || to.y >= size.y) continue;
+    if (kFovea && halvings == 1u) {
+      write_square(2u * to, whole, sums[k], transmittance[k]);
+    } else {
+      write_pixel(to.x, to.y, sums[k], transmittance[k]);
+    }
   }
 }

@@ -15,6 +15,7 @@
   namespace stgs::player::vulkan { \
   using uint = std::uint32_t;      \
   using math::PinholeCamera;       \
+  using math::Vec2;                \
   using math::Vec3;
 #define STGS_LAYOUT_END }
 #endif
@@ -48,7 +49,9 @@ struct ViewInput {
   Vec3 background;
   int width, height;  // pixels
   int tiles_x, tiles_y;
-  uint first_tile;  // of the frame's, which are those of its views one after the other
+  uint first_tile;     // of the frame's, which are those of its views one after the other
+  Vec2 fovea;          // its centre, pixels
+  float fovea_radius;  // pixels; infinite: full resolution everywhere
 };
 
 // What a frame is drawn from, beside its parts, which follow it. All views have all chunks: splat s

@@ -42,3 +42,12 @@ void write_pixel(uint x, uint y, vec4 sums, float t) {
   write_packed(to, colour);
   if (push.with_depth != 0u) depth_plane[to] = depth;
 }
+
+// The square of 2 x 2 pixels, as far as it lies in the picture.
+void write_square(uvec2 to, uvec2 picture, vec4 sums, float t) {
+  bool right = to.x + 1u < picture.x, below = to.y + 1u < picture.y;
+  write_pixel(to.x, to.y, sums, t);
+  if (right) write_pixel(to.x + 1u, to.y, sums, t);
+  if (below) write_pixel(to.x, to.y + 1u, sums, t);
+  if (right && below) write_pixel(to.x + 1u, to.y + 1u, sums, t);
+}

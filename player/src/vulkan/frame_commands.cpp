@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 
 namespace stgs::player::vulkan {
@@ -270,10 +271,13 @@ class FrameCommands::Recorder {
       push.pixels = picture.pixels;
       push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
       push.view = v;
-      use(Shader::kBlend, push);
       const ViewInput& view = work_.input->view[v];
-      device_.vk.vkCmdDispatch(commands_, static_cast<std::uint32_t>(view.tiles_x),
-                               static_cast<std::uint32_t>(view.tiles_y), 1);
+      const bool fovea = std::isfinite(view.fovea_radius);
+      use(fovea ? Shader::kBlendFovea : Shader::kBlend, push);
+      const auto groups = [fovea](int tiles) {  // with a fovea, of whole squares of 2 x 2
+        return static_cast<std::uint32_t>(fovea ? (tiles + 1) / 2 * 2 : tiles);
+      };
+      device_.vk.vkCmdDispatch(commands_, groups(view.tiles_x), groups(view.tiles_y), 1);
     }
     return {};
   }

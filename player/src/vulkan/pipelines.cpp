@@ -146,12 +146,15 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
       vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
                 "loading a shader"));
   const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
+  const bool blends = shader == Shader::kBlend || shader == Shader::kBlendFovea;
   const std::uint32_t numbers[] = {
       projects ? static_cast<std::uint32_t>(sh_degree) : lanes,
-      projects ? shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE : kQuarters * lanes};
-  const VkSpecializationMapEntry entries[] = {{0, 0, sizeof(numbers[0])},
-                                              {1, sizeof(numbers[0]), sizeof(numbers[1])}};
-  const VkSpecializationInfo constants{2, entries, sizeof(numbers), numbers};
+      projects ? shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE : kQuarters * lanes,
+      shader == Shader::kBlendFovea ? VK_TRUE : VK_FALSE};
+  constexpr std::uint32_t kEach = sizeof(numbers[0]);
+  const VkSpecializationMapEntry entries[] = {
+      {0, 0, kEach}, {1, kEach, kEach}, {2, 2 * kEach, kEach}};
+  const VkSpecializationInfo constants{3, entries, sizeof(numbers), numbers};
   auto info =
       structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.stage = structure<VkPipelineShaderStageCreateInfo>(
@@ -159,7 +162,7 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
   info.stage.module = module;
   info.stage.pName = "main";
-  if (projects || lanes != 0) info.stage.pSpecializationInfo = &constants;
+  if (projects || blends || lanes != 0) info.stage.pSpecializationInfo = &constants;
   info.layout = layout_;
   const VkResult result =
       device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);

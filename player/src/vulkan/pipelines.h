@@ -25,8 +25,9 @@ enum class Shader {
   kListTiles,
   kFindRanges,
   kBlend,
+  kBlendFovea,  // where the view has one
 };
-inline constexpr std::size_t kShaders = 12;
+inline constexpr std::size_t kShaders = 13;
 
 // The device outlives it.
 class Pipelines {

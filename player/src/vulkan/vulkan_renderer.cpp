@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 #include <exception>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -194,6 +195,10 @@ class ComputeRenderer final : public VulkanRenderer {
       view.tiles_x = tiles_along(pictures_[i].width);
       view.tiles_y = tiles_along(pictures_[i].height);
       view.first_tile = tiles;
+      const Fovea fovea =
+          views[i].fovea.value_or(Fovea{{}, std::numeric_limits<float>::infinity()});
+      view.fovea = fovea.centre;
+      view.fovea_radius = fovea.radius;
       tiles += static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
     }
     return input;

@@ -244,7 +244,7 @@ void backward_planes_or_not(const TileBackward& t) {
   if constexpr (kPlanes) std::fill(t.plane_out + tile.longest, t.plane_out + count, math::Plane{});
   for (int k = tile.longest; k-- > 0;) {
     const Splat& s = t.frame.splats[list[k]];
-    simd::prefetch(t.frame, list, k - kAhead, count);
+    simd::prefetch(t.frame.splats.data(), list, k - kAhead, count);
     const raster::PixelBox covered = raster::covered_pixels(s, box);
     const math::Plane* plane = kPlanes ? &t.planes->planes[list[k]] : nullptr;
     HWY_ALIGN float sums[kPlanes ? kSums : kColourSums] = {};

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -64,10 +65,18 @@ struct RasterOutput {
   std::vector<std::uint32_t> last;  // per pixel: length of its tile's list up to the last one drawn
 };
 
+// Where the eye looks: what is farther from it is drawn at half resolution, in squares of 32
+// pixels, where squares of 2 x 2 pixels share a colour, an alpha and a depth (math/fovea.h).
+struct Fovea {
+  math::Vec2 centre{0.0f, 0.0f};  // pixels; may lie outside the picture
+  float radius = 0;               // pixels, at least 0
+};
+
 struct RasterSettings {
   math::Vec3 background{0.0f, 0.0f, 0.0f};
-  bool scalar = false;    // the reference target instead of the machine's vector unit
-  int max_sh_degree = 3;  // harmonics above it are left out
+  std::optional<Fovea> fovea;  // none: full resolution everywhere
+  bool scalar = false;         // the reference target instead of the machine's vector unit
+  int max_sh_degree = 3;       // harmonics above it are left out
 };
 
 // Starts a frame of the camera's size with no splats.

@@ -79,9 +79,9 @@ HWY_INLINE RowMask row_seen(RowVec log2) {
   return hn::Ge(log2, hn::Set(Row(), kLog2Threshold));
 }
 
-// Fetches a list's splat that comes up soon: lists jump about in frame.splats.
-HWY_INLINE void prefetch(const SplatFrame& frame, const std::uint32_t* list, int k, int count) {
-  if (k >= 0 && k < count) hwy::Prefetch(&frame.splats[list[k]]);
+// Fetches a list's splat that comes up soon: lists jump about among splats.
+HWY_INLINE void prefetch(const Splat* splats, const std::uint32_t* list, int k, int count) {
+  if (k >= 0 && k < count) hwy::Prefetch(splats + list[k]);
 }
 
 }  // namespace stgs::raster::HWY_NAMESPACE

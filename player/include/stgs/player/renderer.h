@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -61,6 +62,7 @@ struct CudaPicture {
 struct View {
   math::PinholeCamera camera;
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
+  std::optional<Fovea> fovea = {};          // of its picture; none: full resolution everywhere
 };
 
 // Not thread-safe: one renderer a thread. It keeps its buffers from call to call.
