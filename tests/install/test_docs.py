@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The samples of sdk/docs compile and run, against what is installed.
 
-The ```c blocks of a page, one after another, are one program, which gets a scene; it must succeed,
-and fail on a file that is none. So are the ```python blocks, beside a scene.stgs, where the module is
-built. A ```cmake block builds the page's program (as main.c). Links lead to
+The ```c or ```cpp blocks of a page, one after another, are one program, which gets a scene; it must
+succeed, and fail on a file that is none. So are the ```python blocks, beside a scene.stgs, where the
+module is built. A ```cmake block builds the page's program (as main.c). Links lead to
 pages that are there, and functions, constants and structs that are named are declared.
 """
 import argparse
@@ -21,7 +21,7 @@ from outside import run
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 parser = argparse.ArgumentParser()
-for argument in ("build", "source", "fixture", "cmake", "cc"):
+for argument in ("build", "source", "fixture", "cmake", "cc", "cxx"):
     parser.add_argument(f"--{argument}", required=True)
 parser.add_argument("--python", help="for which the module is built; else it is not")
 ARGUMENTS = parser.parse_args()
@@ -53,15 +53,18 @@ class Docs(unittest.TestCase):
 
     def build(self, page):
         """The page's program; None where it has none."""
-        text = "\n".join(self.blocks(page, "c"))
+        compilers = {"c": (ARGUMENTS.cc, "-std=c99", "-D_POSIX_C_SOURCE=200809L"),
+                     "cpp": (ARGUMENTS.cxx, "-std=c++17")}
+        kind = "cpp" if self.blocks(page, "cpp") else "c"
+        text = "\n".join(self.blocks(page, kind))
         if not text:
             return None
-        source, program = self.at(page + ".c"), self.at(page + ".program")
+        source, program = self.at(f"{page}.{kind}"), self.at(page + ".program")
         with open(source, "w", encoding="utf-8") as file:
             file.write(text)
-        run(ARGUMENTS.cc, "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra",
-            "-Werror", source, "-I", self.at("prefix/include"), "-L", self.library, "-lstgs",
-            "-lpthread", f"-Wl,-rpath,{self.library}", "-o", program)
+        run(*compilers[kind], "-pedantic", "-Wall", "-Wextra", "-Werror", source,
+            "-I", self.at("prefix/include"), "-L", self.library, "-lstgs", "-lpthread",
+            f"-Wl,-rpath,{self.library}", "-o", program)
         return program
 
     def test_programs_of_the_pages(self):
@@ -110,7 +113,7 @@ class Docs(unittest.TestCase):
             self.assertEqual(text.count("\n```"), 2 * len(BLOCK.findall(text)), page)
             # sh: test_packages.py runs those of README.md.
             also = {"README.md": {"sh"}, "python.md": {"python"}}.get(page, set())
-            self.assertLessEqual(kinds, {"c", "cmake"} | also)
+            self.assertLessEqual(kinds, {"c", "cpp", "cmake"} | also)
 
     def test_links_and_names(self):
         headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
