@@ -24,6 +24,17 @@ void for_each_attribute(A& a, B& b, Visit visit) {
 
 }  // namespace
 
+Gaussians4D::Gaussians4D(std::pmr::memory_resource* memory)
+    : position(memory),
+      log_scale(memory),
+      rotation(memory),
+      opacity_logit(memory),
+      sh(memory),
+      time(memory),
+      velocity(memory),
+      sigma(memory),
+      radius(memory) {}
+
 double TimeBase::ticks(double seconds) const {
   const double exact = seconds * denominator / numerator, whole = std::round(exact);
   // A few roundings, here and where the time of a tick was made.

@@ -37,9 +37,10 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
 class Reader final : public SceneReader {
  public:
   Reader(std::unique_ptr<ByteSource> source, FileHead head, std::vector<Issue> damage,
-         const ReadLimits& limits)
+         const ReadLimits& limits, std::pmr::memory_resource* memory)
       : source_(std::move(source)),
         limits_(limits),
+        memory_(memory),
         head_(std::move(head)),
         damage_(std::move(damage)),
         segments_(segments_from(head_)),
@@ -130,10 +131,10 @@ class Reader final : public SceneReader {
   }
 
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const override {
-    return with_records<Gaussians4D>(segment, with_harmonics, decode_segment);
+    return with_records(segment, with_harmonics, decode_segment, Gaussians4D(memory_));
   }
   Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const override {
-    return with_records<CodedSegment>(segment, with_harmonics, code_segment);
+    return with_records(segment, with_harmonics, code_segment, CodedSegment());
   }
   std::span<const RansLookup> tables() const override { return head_.layouts.lookups; }
 
@@ -161,9 +162,10 @@ class Reader final : public SceneReader {
   }
 
  private:
-  // What `make` makes of a segment's records.
+  // What `make` makes of a segment's records, in `out`.
   template <typename T, typename Make>
-  Result<T> with_records(std::uint32_t segment, bool with_harmonics, const Make& make) const {
+  Result<T> with_records(std::uint32_t segment, bool with_harmonics, const Make& make,
+                         T out) const {
     if (segment >= segments_.size()) {
       return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
                          segments_.size());
@@ -171,7 +173,6 @@ class Reader final : public SceneReader {
     try {
       Findings findings;
       SegmentRecords records;
-      T out;
       if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
           findings.ok()) {
         make(records, head_, segment, out, findings);
@@ -179,7 +180,8 @@ class Reader final : public SceneReader {
       if (!findings.ok()) return findings.status(source_->name());
       return out;
     } catch (const std::exception& e) {
-      return runtime_error("{}: segment {}: {}", source_->name(), segment, e.what());
+      return Status(code_of(e),
+                    fmt::format("{}: segment {}: {}", source_->name(), segment, e.what()));
     }
   }
 
@@ -220,6 +222,7 @@ class Reader final : public SceneReader {
 
   std::unique_ptr<ByteSource> source_;
   ReadLimits limits_;
+  std::pmr::memory_resource* memory_;  // of what is decoded
   FileHead head_;
   std::vector<Issue> damage_;
   std::vector<SegmentInfo> segments_;
@@ -228,8 +231,7 @@ class Reader final : public SceneReader {
 
 // Copies `part` into `whole` from primitive `first` on.
 void place_part(const Gaussians4D& part, std::size_t first, Gaussians4D& whole) {
-  const auto copy = [first](const std::vector<float>& from, std::vector<float>& to,
-                            std::size_t components) {
+  const auto copy = [first](const FloatArray& from, FloatArray& to, std::size_t components) {
     std::copy(from.begin(), from.end(),
               to.begin() + static_cast<std::ptrdiff_t>(first * components));
   };
@@ -331,16 +333,17 @@ Result<Gaussians4D> SceneReader::decode_sound(std::uint32_t segment, Status& los
 }
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,
-                                                       const ReadLimits& limits) {
+                                                       const ReadLimits& limits,
+                                                       std::pmr::memory_resource* memory) {
   try {
     Findings findings;
     FileHead head;
     read_head(*source, limits, head, findings);
     if (!findings.ok()) return findings.status(source->name());
-    return std::unique_ptr<SceneReader>(
-        std::make_unique<Reader>(std::move(source), std::move(head), findings.take(), limits));
+    return std::unique_ptr<SceneReader>(std::make_unique<Reader>(std::move(source), std::move(head),
+                                                                 findings.take(), limits, memory));
   } catch (const std::exception& e) {
-    return runtime_error("cannot open the file: {}", e.what());
+    return Status(code_of(e), fmt::format("cannot open the file: {}", e.what()));
   }
 }
 

@@ -379,7 +379,7 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   }
 }
 
-bool all_finite(const std::vector<float>& values, std::size_t begin, std::size_t end) {
+bool all_finite(const FloatArray& values, std::size_t begin, std::size_t end) {
   std::uint32_t bad = 0;
   for (std::size_t i = begin; i < end; ++i) {
     const std::uint32_t bits = std::bit_cast<std::uint32_t>(values[i]) & 0x7F800000;
@@ -397,8 +397,7 @@ bool can_be_drawn(const Gaussians4D& set, std::uint32_t floats, std::size_t begi
     const float* q = set.rotation.data() + 4 * i;
     bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
   }
-  const auto finite = [&](Attribute attribute, const std::vector<float>& values,
-                          std::size_t width) {
+  const auto finite = [&](Attribute attribute, const FloatArray& values, std::size_t width) {
     return (floats & attribute_bit(attribute)) == 0 ||
            all_finite(values, width * begin, width * end);
   };

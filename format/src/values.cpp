@@ -12,7 +12,7 @@ namespace {
 
 using N = IssueNumber;
 
-bool all_finite(const std::vector<float>& values) {
+bool all_finite(const FloatArray& values) {
   std::uint32_t bad = 0;
   for (float v : values) {
     bad |= (std::bit_cast<std::uint32_t>(v) & 0x7F800000u) == 0x7F800000u ? 1u : 0u;
@@ -47,9 +47,9 @@ void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t o
 void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
                       Findings& findings) {
   const std::size_t n = set.size();
-  const std::vector<float>* arrays[] = {&set.position,      &set.log_scale, &set.rotation,
-                                        &set.opacity_logit, &set.sh,        &set.time,
-                                        &set.velocity,      &set.sigma,     &set.radius};
+  const FloatArray* arrays[] = {&set.position,      &set.log_scale, &set.rotation,
+                                &set.opacity_logit, &set.sh,        &set.time,
+                                &set.velocity,      &set.sigma,     &set.radius};
   if (!std::all_of(std::begin(arrays), std::end(arrays),
                    [](const auto* array) { return all_finite(*array); })) {
     check_finite(set, segment, offset, findings);

@@ -8,7 +8,11 @@
 
 namespace stgs::player {
 
-HeldSegment::HeldSegment(Gaussians4D decoded) : set(std::move(decoded)) {
+HeldSegment::HeldSegment(Gaussians4D decoded, std::shared_ptr<std::pmr::memory_resource> memory)
+    : owner(std::move(memory)),
+      set(std::move(decoded)),
+      begin(set.time.get_allocator()),
+      end(set.time.get_allocator()) {
   begin.resize(set.size());
   end.resize(set.size());
   for (std::size_t i = 0; i < set.size(); ++i) {

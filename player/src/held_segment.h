@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <memory_resource>
 #include <vector>
 
 #include "stgs/format/gaussian4d.h"
@@ -14,14 +16,17 @@ namespace stgs::player {
 // that live for a good part of its span.
 struct HeldSegment {
   HeldSegment() = default;
-  explicit HeldSegment(Gaussians4D decoded);
+  // `memory`, where given, is who owns what `decoded` was allocated from.
+  explicit HeldSegment(Gaussians4D decoded,
+                       std::shared_ptr<std::pmr::memory_resource> memory = nullptr);
 
   // Every primitive whose opacity at a moment of the part reaches the drawing threshold (a rounding
   // error's width beyond included), ascending.
   void find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const;
 
+  std::shared_ptr<std::pmr::memory_resource> owner;  // outlives the rest
   Gaussians4D set;
-  std::vector<float> begin, end;
+  FloatArray begin, end;  // from where the set's are
 };
 
 // Bytes that a segment of n primitives takes once decoded, a list of candidates included.

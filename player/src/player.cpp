@@ -236,15 +236,17 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
                                      const PlayerSettings& settings,
                                      std::function<void()> interrupt,
                                      std::shared_ptr<TransferEvents> transfers) {
-  auto pieces = std::make_unique<PieceSource>(std::move(source));
+  std::pmr::memory_resource* const memory =
+      settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
+  auto pieces = std::make_unique<PieceSource>(std::move(source), memory);
   PieceSource& of_reader = *pieces;
-  STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces), settings.limits));
+  STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces), settings.limits, memory));
   const std::string name = of_reader.name();
   try {
     return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
         std::move(reader), of_reader, settings, std::move(interrupt), std::move(transfers)));
   } catch (const std::exception& e) {
-    return runtime_error("{}: cannot be played: {}", name, e.what());
+    return Status(code_of(e), fmt::format("{}: cannot be played: {}", name, e.what()));
   }
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <map>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -93,7 +94,8 @@ class SegmentTimeline final : public Timeline {
                                 needed[i].ticks, needed[i].id_base});
       }
     } catch (const std::exception& e) {
-      return runtime_error("{}: cannot hold what is alive at {} s: {}", name_, seconds, e.what());
+      return Status(code_of(e), fmt::format("{}: cannot hold what is alive at {} s: {}", name_,
+                                            seconds, e.what()));
     }
     return active;
   }
@@ -157,7 +159,7 @@ class SegmentTimeline final : public Timeline {
   }
 
   Status decode(const std::vector<std::uint32_t>& missing) {
-    std::vector<Held> fresh(missing.size());
+    std::vector<std::optional<Held>> fresh(missing.size());  // made in place: in their memory
     std::vector<Status> results(missing.size()), harmonics(missing.size());
     parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
       auto set = decode_sound(missing[i], harmonics[i]);
@@ -165,7 +167,7 @@ class SegmentTimeline final : public Timeline {
         results[i] = set.status();
         return;
       }
-      fresh[i].decoded = HeldSegment(std::move(set).value());
+      fresh[i].emplace(Held{HeldSegment(std::move(set).value()), {}, call_});
     });
     for (const Status& status : results) {
       if (!can_pass_over(status)) return status;
@@ -173,10 +175,9 @@ class SegmentTimeline final : public Timeline {
     for (std::size_t i = 0; i < missing.size(); ++i) {
       note_loss(missing[i], results[i], harmonics[i]);
       if (!results[i].ok()) continue;
-      fresh[i].used = call_;
       bytes_ += bytes_of(missing[i]);
-      primitives_ += fresh[i].decoded.set.size();
-      held_.emplace(missing[i], std::move(fresh[i]));
+      primitives_ += fresh[i]->decoded.set.size();
+      held_.emplace(missing[i], std::move(*fresh[i]));
     }
     return {};
   }

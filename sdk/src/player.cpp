@@ -157,10 +157,19 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
   if (settings == nullptr) settings = &defaults;
   if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
   if (!are_in_range(*settings)) return STGS_ERROR_ARGUMENT;
+  if (const stgs_result bad = stgs::sdk::check_task_runner(settings->task_runner); bad != STGS_OK) {
+    return bad;
+  }
+  if (const stgs_result bad = stgs::sdk::check_allocator(settings->allocator); bad != STGS_OK) {
+    return bad;
+  }
   try {
     auto player = std::make_unique<stgs_player>();
     player->settings = *settings;
     player->wanted = wanted_of(*settings);
+    player->wanted.memory = stgs::sdk::caller_memory(settings->allocator);
+    player->tasks = stgs::sdk::caller_tasks(settings->task_runner);
+    player->wanted.task_runner = player->tasks.get();
     player->wanted.http.stop = player->stop.get_token();
     player->scene.log = {settings->log, settings->log_user};
     *out = player.release();

@@ -10,6 +10,7 @@
 
 #include "scene.h"
 #include "stgs/player/player.h"
+#include "tasks.h"
 
 struct stgs_player {
   // Its message is what stgs_player_event points to.
@@ -27,6 +28,7 @@ struct stgs_player {
   stgs::sdk::LastError error;
   stgs_player_settings settings{};
   stgs_scene scene;
+  std::unique_ptr<stgs::TaskRunner> tasks;  // null: threads of the library's
   // What the file is opened with, and what ends the reads of it at once.
   stgs::player::PlayerSettings wanted;
   std::stop_source stop;

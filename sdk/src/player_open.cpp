@@ -38,7 +38,7 @@ stgs_result open_bytes(stgs_player* player, const void* data, std::size_t bytes,
     if (data == nullptr) return {STGS_ERROR_ARGUMENT, "data is NULL"};
     const auto* begin = static_cast<const std::uint8_t*>(data);
     const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(
-        copy ? stgs::memory_source({begin, begin + bytes})
+        copy ? stgs::sdk::copied_source({begin, bytes}, player->wanted.memory)
              : stgs::sdk::borrowed_source({begin, bytes}));
     player->begin_opening(
         [source, wanted = player->wanted] { return Player::over(std::move(*source), wanted); });

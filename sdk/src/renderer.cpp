@@ -46,10 +46,12 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   const stgs_renderer_settings defaults = default_settings();
   if (settings == nullptr) settings = &defaults;
   if (const stgs_result bad = check_struct(settings); bad != STGS_OK) return bad;
+  if (const stgs_result bad = check_task_runner(settings->task_runner); bad != STGS_OK) return bad;
   std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
   if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
   renderer->log = {settings->log, settings->log_user};
   const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
+    renderer->tasks = caller_tasks(settings->task_runner);
     Outcome made = make(*renderer, settings->backend);
     if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
     return made;
@@ -95,6 +97,7 @@ void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t c
 Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds, const stgs_view* views,
              std::uint32_t count) {
   STGS_SDK_TRY(scene.check_memory(seconds));
+  const UseTaskRunner use(renderer.tasks.get());
   take_views(renderer, views, count);
   const Status drawn = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
   scene.tell_losses();

@@ -7,6 +7,7 @@
 
 #include "object.h"
 #include "stgs/player/renderer.h"
+#include "tasks.h"
 
 namespace stgs::player {
 class VulkanRenderer;
@@ -16,6 +17,7 @@ struct stgs_renderer {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;
   std::unique_ptr<stgs::player::Renderer> backend;
+  std::unique_ptr<stgs::TaskRunner> tasks;         // null: threads of the library's
   stgs::player::VulkanRenderer* vulkan = nullptr;  // `backend` on a device of the caller's, or null
   std::vector<stgs::player::View> views;           // of a call
   std::vector<stgs::player::Frame> frames;

@@ -38,8 +38,8 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
                                           source->size(), settings.max_file_bytes)};
   }
   const std::string name = source->name();
-  auto reader =
-      stgs::SceneReader::open(std::move(source), {settings.max_primitives, settings.max_memory});
+  auto reader = stgs::SceneReader::open(
+      std::move(source), {settings.max_primitives, settings.max_memory}, scene.memory.get());
   if (!reader.ok()) return reader.status();
   auto timeline =
       stgs::player::Timeline::over(std::move(reader).value(), name, settings.max_memory,
@@ -119,12 +119,19 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
   if (settings == nullptr) settings = &defaults;
   if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
   if (settings->max_memory < kLeastMemory) return STGS_ERROR_ARGUMENT;
-  auto* scene = new (std::nothrow) stgs_scene;
-  if (scene == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
-  scene->settings = *settings;
-  scene->log = {settings->log, settings->log_user};
-  *out = scene;
-  return STGS_OK;
+  if (const stgs_result bad = stgs::sdk::check_allocator(settings->allocator); bad != STGS_OK) {
+    return bad;
+  }
+  try {
+    auto scene = std::make_unique<stgs_scene>();
+    scene->settings = *settings;
+    scene->log = {settings->log, settings->log_user};
+    scene->memory = stgs::sdk::caller_memory(settings->allocator);
+    *out = scene.release();
+    return STGS_OK;
+  } catch (const std::bad_alloc&) {
+    return STGS_ERROR_OUT_OF_MEMORY;
+  }
 }
 
 void stgs_scene_destroy(stgs_scene* scene) {
@@ -152,8 +159,8 @@ stgs_result stgs_scene_open_memory(stgs_scene* scene, const void* data, size_t b
 stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, size_t bytes) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_memory_argument(*scene, data));
-    const auto* begin = static_cast<const std::uint8_t*>(data);
-    return open_source(*scene, stgs::memory_source({begin, begin + bytes}));
+    return open_source(*scene, stgs::sdk::copied_source(
+                                   {static_cast<const std::uint8_t*>(data), bytes}, scene->memory));
   });
 }
 

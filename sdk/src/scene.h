@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "memory.h"
 #include "object.h"
 #include "stgs/player/timeline.h"
 
@@ -10,9 +11,10 @@ struct stgs_scene {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;
   stgs_scene_settings settings{};
-  bool of_player = false;                         // then the timeline is the player's
-  std::unique_ptr<stgs::player::Timeline> owned;  // null: not open, or the player's
-  stgs::player::Timeline* timeline = nullptr;     // null: not open
+  std::shared_ptr<std::pmr::memory_resource> memory;  // of what is held
+  bool of_player = false;                             // then the timeline is the player's
+  std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or the player's
+  stgs::player::Timeline* timeline = nullptr;         // null: not open
   std::size_t losses_told = 0;
 
   stgs::sdk::Outcome check_open() const {

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <mutex>
+#include <utility>
+#include <vector>
 
 namespace stgs::sdk {
 namespace {
 
-class BorrowedSource final : public ByteSource {
+class BorrowedSource : public ByteSource {
  public:
   explicit BorrowedSource(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
 
@@ -22,6 +24,17 @@ class BorrowedSource final : public ByteSource {
  private:
   std::span<const std::uint8_t> bytes_;
   std::string name_ = "memory";
+};
+
+class CopiedSource final : public BorrowedSource {
+ public:
+  CopiedSource(std::unique_ptr<std::pmr::vector<std::uint8_t>> bytes,
+               std::shared_ptr<std::pmr::memory_resource> memory)
+      : BorrowedSource(*bytes), memory_(std::move(memory)), bytes_(std::move(bytes)) {}
+
+ private:
+  std::shared_ptr<std::pmr::memory_resource> memory_;
+  std::unique_ptr<std::pmr::vector<std::uint8_t>> bytes_;
 };
 
 // Closes the caller's source with the last who holds it.
@@ -72,6 +85,13 @@ class CallbackSource final : public ByteSource {
 
 std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes) {
   return std::make_unique<BorrowedSource>(bytes);
+}
+
+std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
+                                          std::shared_ptr<std::pmr::memory_resource> memory) {
+  auto copy =
+      std::make_unique<std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory.get());
+  return std::make_unique<CopiedSource>(std::move(copy), std::move(memory));
 }
 
 CallerSource callback_source(const stgs_io& io) {

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <memory>
+#include <memory_resource>
 #include <span>
 
 #include "stgs/format/byte_source.h"
@@ -13,6 +14,9 @@ namespace stgs::sdk {
 
 // The bytes are not copied.
 std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes);
+// They are, to memory of that kind, which the source keeps.
+std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
+                                          std::shared_ptr<std::pmr::memory_resource> memory);
 
 // A source of callbacks. Both hold it open: what is left of it is closed by the last that goes.
 struct CallerSource {

@@ -176,6 +176,7 @@ stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, doubl
     STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
     STGS_SDK_TRY(check_frame(frame));
     STGS_SDK_TRY(scene->check_memory(seconds));
+    const stgs::UseTaskRunner use(renderer->tasks.get());
     stgs::sdk::take_views(*renderer, frame->views, frame->count);
     const auto submitted =
         renderer->vulkan->submit(*scene->timeline, seconds, renderer->views, submission_of(*frame));

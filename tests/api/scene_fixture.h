@@ -54,7 +54,7 @@ inline Scene random_scene(std::size_t n, int sh_degree, std::uint32_t frames, un
 // A bit pattern of each primitive, for comparing sets whatever their order.
 inline std::vector<std::string> fingerprints(const Gaussians4D& set) {
   std::vector<std::string> out(set.size());
-  const auto add = [&out](const std::vector<float>& array, std::size_t components) {
+  const auto add = [&out](const FloatArray& array, std::size_t components) {
     for (std::size_t i = 0; i < out.size(); ++i) {
       const auto* bytes = reinterpret_cast<const char*>(array.data() + i * components);
       out[i].append(bytes, components * sizeof(float));

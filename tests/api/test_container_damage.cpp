@@ -31,7 +31,7 @@ TEST_CASE("what is there of a truncated file can be read") {
     REQUIRE(sound.ok());
     REQUIRE((*sound)->segments().size() > 3);
     CHECK((*sound)->damage().empty());
-    std::vector<std::vector<float>> positions;
+    std::vector<FloatArray> positions;
     for (std::uint32_t i = 0; i < (*sound)->segments().size(); ++i) {
       positions.push_back((*sound)->decode(i)->position);
     }

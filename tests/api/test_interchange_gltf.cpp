@@ -25,12 +25,12 @@ struct Glb {
   Json json;
   std::vector<std::uint8_t> data;
 
-  std::vector<float> floats(const std::string& attribute) const {
+  FloatArray floats(const std::string& attribute) const {
     const Json& primitive = json["meshes"][0]["primitives"][0];
     const Json& accessor = json["accessors"][primitive["attributes"][attribute].get<std::size_t>()];
     CHECK(accessor["componentType"] == 5126);
     const Json& view = json["bufferViews"][accessor["bufferView"].get<std::size_t>()];
-    std::vector<float> out(view["byteLength"].get<std::size_t>() / 4);
+    FloatArray out(view["byteLength"].get<std::size_t>() / 4);
     const auto offset = view["byteOffset"].get<std::size_t>();
     CHECK(offset % 4 == 0);
     REQUIRE(offset + 4 * out.size() <= data.size());

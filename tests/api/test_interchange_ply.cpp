@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <span>
 
 #include "scene_fixture.h"
 #include "stgs/format/interchange.h"
@@ -49,7 +50,7 @@ std::vector<float> picture(const Gaussians4D& set, float ticks, const math::Pinh
   return output.colour.data;
 }
 
-float largest_difference(const std::vector<float>& a, const std::vector<float>& b) {
+float largest_difference(std::span<const float> a, std::span<const float> b) {
   REQUIRE(a.size() == b.size());
   float largest = 0;
   for (std::size_t i = 0; i < a.size(); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
@@ -155,11 +156,11 @@ TEST_CASE("PLY of ASCII, with properties in any order and of any type") {
       read_text(std::string(kAsciiHeader) + "7 8\n2 .5 0 0 1 1.5 -3 4e0 255 .1 .2 .3 -1 -2 -3\n");
   REQUIRE(scene.ok());
   const Gaussians4D& set = scene->gaussians;
-  CHECK(set.position == std::vector<float>{1.5f, -3, 4});
-  CHECK(set.rotation == std::vector<float>{1, 0, 0, 0.5f});
-  CHECK(set.sh == std::vector<float>{.1f, .2f, .3f});
-  CHECK(set.log_scale == std::vector<float>{-1, -2, -3});
-  CHECK(set.opacity_logit == std::vector<float>{2});
+  CHECK(set.position == FloatArray{1.5f, -3, 4});
+  CHECK(set.rotation == FloatArray{1, 0, 0, 0.5f});
+  CHECK(set.sh == FloatArray{.1f, .2f, .3f});
+  CHECK(set.log_scale == FloatArray{-1, -2, -3});
+  CHECK(set.opacity_logit == FloatArray{2});
   const auto cut = read_text(std::string(kAsciiHeader) + "7 8\n2 .5 0 0 1 1.5 -3 4e0 255 .1 .2");
   CHECK(cut.status().code() == StatusCode::kInvalidFile);
 }

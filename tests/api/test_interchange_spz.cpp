@@ -72,10 +72,10 @@ Bytes old_file(std::uint8_t version, std::uint8_t degree) {
 }
 
 void check_axes(const Gaussians4D& set) {
-  CHECK(set.position == std::vector<float>{1, -2, 3});
+  CHECK(set.position == FloatArray{1, -2, 3});
   // A half turn about x is itself, seen from turned axes; a quaternion's sign is nobody's.
   CHECK(std::abs(set.rotation[1]) == Approx(1).margin(1e-3));
-  CHECK(set.log_scale == std::vector<float>{0, -1, -2});
+  CHECK(set.log_scale == FloatArray{0, -1, -2});
   CHECK(math::opacity_of(set.opacity_logit[0]) == Approx(0.2));
   CHECK(set.sh[0] == Approx(0.5 / 0.15));
   CHECK(set.sh[1] == Approx(-0.5 / 0.15));
@@ -172,10 +172,10 @@ TEST_CASE("SPZ's extensions: axes are obeyed, others told of") {
   const Bytes rdf = {3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 6, 0, 0, 0};
   const Result<Scene> same = read(with(rdf));
   REQUIRE(same.ok());
-  CHECK(same->gaussians.position == std::vector<float>{1, 2, -3});
+  CHECK(same->gaussians.position == FloatArray{1, 2, -3});
   Bytes luf = rdf;
   luf[8] = 7;
-  CHECK(read(with(luf))->gaussians.position == std::vector<float>{-1, -2, -3});
+  CHECK(read(with(luf))->gaussians.position == FloatArray{-1, -2, -3});
   Bytes rotated = rdf;
   rotated[8] = 16;
   CHECK(read(with(rotated)).status().code() == StatusCode::kUnsupported);

@@ -96,7 +96,7 @@ TEST_CASE("the primitives of a moment are those that are seen then", "[sdk]") {
   }
   CHECK(farthest < 1e-5f);
   CHECK(lengths < 1e-6f);
-  CHECK(got.sh == expected->sh);
+  CHECK(std::equal(got.sh.begin(), got.sh.end(), expected->sh.begin(), expected->sh.end()));
 }
 
 TEST_CASE("arrays get as many primitives as they have room for", "[sdk]") {

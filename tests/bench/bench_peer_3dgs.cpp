@@ -40,7 +40,7 @@ class DeviceMemory {
     bytes_ = cudaMalloc(reinterpret_cast<void**>(&data_), bytes) == cudaSuccess ? bytes : 0;
     return data_;
   }
-  const float* hold(const std::vector<float>& values) {
+  const float* hold(const FloatArray& values) {
     char* const to = room(values.size() * sizeof(float));
     if (to != nullptr) {
       cudaMemcpy(to, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);

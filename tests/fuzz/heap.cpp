@@ -88,5 +88,8 @@ std::uint64_t heap_peak() {
 void unlimit_heap() {
   limit = kNoLimit;
 }
+std::uint64_t heap_used() {
+  return static_cast<std::uint64_t>(used);
+}
 
 }  // namespace stgs::fuzz

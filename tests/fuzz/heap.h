@@ -12,5 +12,7 @@ void limit_heap(std::uint64_t bytes);
 // Most bytes above the start since limit_heap.
 std::uint64_t heap_peak();
 void unlimit_heap();
+// Bytes in use now.
+std::uint64_t heap_used();
 
 }  // namespace stgs::fuzz

@@ -12,7 +12,7 @@ const Target stgs::fuzz::kTarget{"decode",    stgs_seeds, nullptr,
 
 namespace {
 
-bool same_bits(const std::vector<float>& a, const std::vector<float>& b) {
+bool same_bits(const FloatArray& a, const FloatArray& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 

@@ -2,7 +2,11 @@
 // The C interface, called in whatever order and with whatever arguments the input says: two bytes a
 // call. Every result is one that the header names, and what fails says why.
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <limits>
+#include <memory>
+#include <mutex>
 #include <string>
 
 #include "fuzz_target.h"
@@ -16,7 +20,10 @@ namespace {
 
 std::vector<Bytes> seeds() {
   return {{0, 0, 2, 1, 1, 0, 3, 0, 5, 6, 6, 14, 4, 0},  // make, open, ask, draw, end
-          {6, 0, 0, 4, 2, 1, 1, 1, 5, 22, 0, 2, 1, 65, 3, 1}};
+          {6, 0, 0, 4, 2, 1, 1, 1, 5, 22, 0, 2, 1, 65, 3, 1},
+          // A player: make, play, open, wait, update, draw, seek, update, end.
+          {7, 0, 9, 0, 8, 1, 10, 0, 11, 1, 2, 1, 12, 6, 9, 2, 11, 9, 13, 0},
+          {7, 1, 8, 3, 11, 0, 14, 1, 11, 1, 14, 0, 9, 1, 13, 0}};
 }
 
 // What the scenes may hold, and pictures of 40 x 40.
@@ -24,13 +31,57 @@ std::uint64_t most_memory(View) {
   return 96 << 20;
 }
 
+// Bytes whose reads wait until somebody answers them.
+class LateFile {
+ public:
+  explicit LateFile(Bytes bytes) : bytes_(std::move(bytes)) {}
+
+  stgs_async_io io() {
+    stgs_async_io io{};
+    io.struct_size = sizeof io;
+    io.user = this;
+    io.size = bytes_.size();
+    io.begin = [](void* user, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
+      auto* self = static_cast<LateFile*>(user);
+      std::memcpy(out, self->bytes_.data() + offset, bytes);
+      const std::lock_guard lock(self->mutex_);
+      self->reads_.push_back(read);
+    };
+    return io;
+  }
+  void answer(int error) {
+    std::vector<stgs_read*> reads;
+    {
+      const std::lock_guard lock(mutex_);
+      reads.swap(reads_);
+    }
+    for (stgs_read* read : reads) stgs_read_complete(read, error);
+  }
+
+ private:
+  const Bytes bytes_;
+  std::mutex mutex_;
+  std::vector<stgs_read*> reads_;
+};
+
 struct Calls {
   stgs_scene* scene = nullptr;
   stgs_renderer* renderer = nullptr;
-  Bytes file;  // what the scene borrows
+  stgs_player* player = nullptr;
+  Bytes file, of_player;  // what the scene and the player borrow
+  std::unique_ptr<LateFile> late;
+  double now = 0;
   ~Calls() {
     stgs_scene_destroy(scene);
     stgs_renderer_destroy(renderer);
+    end_player();
+  }
+
+  void end_player() {
+    stgs_player_destroy(player);
+    player = nullptr;
+    if (late != nullptr) late->answer(1);
+    late = nullptr;
   }
 
   // One of the numbers that programs get wrong.
@@ -65,10 +116,15 @@ struct Calls {
     return stgs_scene_create(&settings, &scene);
   }
 
-  stgs_result open(std::uint8_t argument) {
+  static Bytes some_file(std::uint8_t argument) {
     static const std::vector<Bytes> files = stgs_seeds();
     Bytes bytes = files[argument % files.size()];
     if ((argument & 0x40) != 0) bytes.resize(bytes.size() / 2);
+    return bytes;
+  }
+
+  stgs_result open(std::uint8_t argument) {
+    Bytes bytes = some_file(argument);
     if ((argument & 0x80) != 0)
       return stgs_scene_open_memory_copy(scene, bytes.data(), bytes.size());
     stgs_scene_info info{};
@@ -111,10 +167,75 @@ struct Calls {
     return result;
   }
 
-  stgs_result draw(std::uint8_t argument, std::uint8_t next) {
+  stgs_result make_player(std::uint8_t argument) {
+    stgs_player_settings settings;
+    stgs_player_settings_defaults(&settings, sizeof settings);
+    settings.memory_budget = (argument & 1) != 0 ? 1 << 20 : 64 << 20;
+    settings.fetches = (argument & 2) != 0 ? 3 : 1;
+    settings.retry_seconds = number(argument >> 5);
+    end_player();
+    return stgs_player_create(&settings, &player);
+  }
+
+  // Its bytes, or a source that answers when it is told to.
+  stgs_result open_player(std::uint8_t argument) {
+    stgs_player_status status{};
+    status.struct_size = sizeof status;
+    if (stgs_player_update(player, now, &status) != STGS_OK) return STGS_ERROR_ARGUMENT;
+    if (status.state != STGS_PLAYER_CLOSED) return stgs_player_open(player, "x");
+    if (late != nullptr) late->answer(1);
+    if ((argument & 0x20) != 0) {
+      late = std::make_unique<LateFile>(some_file(argument));
+      const stgs_async_io io = late->io();
+      return stgs_player_open_async_io(player, &io);
+    }
+    of_player = some_file(argument);
+    return (argument & 0x80) != 0
+               ? stgs_player_open_memory_copy(player, of_player.data(), of_player.size())
+               : stgs_player_open_memory(player, of_player.data(), of_player.size());
+  }
+
+  stgs_result control(std::uint8_t argument) {
+    switch (argument % 6) {
+      case 0:
+        return stgs_player_play(player);
+      case 1:
+        return stgs_player_pause(player);
+      case 2:
+        return stgs_player_seek(player, number(argument >> 5));
+      case 3:
+        return stgs_player_seek_frame(player, argument >> 4);
+      case 4:
+        return stgs_player_set_rate(player, number(argument >> 5));
+      default:
+        return stgs_player_set_loop(player, argument >> 7);
+    }
+  }
+
+  stgs_result update(std::uint8_t argument) {
+    now += (argument & 0x80) != 0 ? number(argument) : 0.03;
+    stgs_player_status status{};
+    status.struct_size = sizeof status + (argument == 255 ? 1 : 0);
+    const stgs_result result = stgs_player_update(player, now, &status);
+    if (result == STGS_OK) {
+      require(status.layers >= 0 && status.layers <= status.layers_of_file, "layers of the file's");
+      require(std::isfinite(status.seconds) && status.seconds >= 0, "a moment of the clip's");
+    }
+    stgs_player_event event{};
+    event.struct_size = sizeof event;
+    while (stgs_player_next_event(player, &event) == STGS_OK && event.kind != STGS_EVENT_NONE) {
+      require((event.result == STGS_OK) == (event.message[0] == '\0'), "an event has its words");
+    }
+    stgs_time_range ranges[2];
+    std::uint32_t count = 0;
+    (void)stgs_player_get_buffered(player, ranges, argument % 3, &count);
+    return result;
+  }
+
+  stgs_result draw(stgs_scene* of, std::uint8_t argument, std::uint8_t next) {
     stgs_view view;
     stgs_view_defaults(&view, sizeof view);
-    (void)stgs_scene_start_view(scene, &view);
+    (void)stgs_scene_start_view(of, &view);
     (void)stgs_view_resize(&view, 1 + argument % 40, 1 + next % 40);
     if ((argument & 0x40) != 0) view.fx = number(next);
     if ((argument & 0x80) != 0) view.translation[next % 3] = number(next);
@@ -122,11 +243,11 @@ struct Calls {
     stgs_picture picture;
     stgs_picture_defaults(&picture, sizeof picture);
     picture.rgba8 = {pixels.data(), (next & 0x20) != 0 ? next : 0u, pixels.size()};
-    return stgs_render(renderer, scene, number(next), &view, &picture, 1);
+    return stgs_render(renderer, of, number(next), &view, &picture, 1);
   }
 
   stgs_result call(std::uint8_t what, std::uint8_t argument, std::uint8_t next) {
-    switch (what % 7) {
+    switch (what % 15) {
       case 0:
         return make(argument);
       case 1:
@@ -144,8 +265,26 @@ struct Calls {
         stgs_scene_destroy(scene);
         scene = nullptr;
         return STGS_OK;
+      case 7:
+        return make_player(argument);
+      case 8:
+        return open_player(argument);
+      case 9:
+        return control(argument);
+      case 10:  // not for what answers late: it would wait for ever
+        return late == nullptr ? stgs_player_wait_open(player) : STGS_ERROR_STATE;
+      case 11:
+        return update(argument);
+      case 12:
+        return draw(stgs_player_scene(player), argument, next);
+      case 13:
+        end_player();
+        return STGS_OK;
+      case 14:
+        if (late != nullptr) late->answer(argument % 2);
+        return STGS_OK;
       default:
-        return draw(argument, next);
+        return draw(scene, argument, next);
     }
   }
 };

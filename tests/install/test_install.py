@@ -45,17 +45,22 @@ class Install(unittest.TestCase):
         # A byte that differs by 1 would be 87.7 dB.
         run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
 
+    def by_find_package(self, name, example, language):
+        build = self.at(f"build_{name}_{language}")
+        run(ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"),
+            "-B", build, f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
+            f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}",
+            "-DCMAKE_CXX_STANDARD=17", f"-DLIBRARY=stgs::{name}", f"-DLANGUAGE={language}",
+            f"-DEXAMPLE={ARGUMENTS.source}/sdk/examples/{example}")
+        run(ARGUMENTS.cmake, "--build", build)
+        self.assertEqual(self.picture(os.path.join(build, "consumer"), f"{name}_{language}.ppm"),
+                         read_ppm(self.at("example.ppm")))
+
     def test_find_package(self):
         for name in ("stgs", "static"):
-            with self.subTest(library=name):
-                build = self.at(f"build_{name}")
-                run(ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"),
-                    "-B", build, f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
-                    f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DLIBRARY=stgs::{name}",
-                    f"-DEXAMPLE={ARGUMENTS.source}/sdk/examples/minimal.c")
-                run(ARGUMENTS.cmake, "--build", build)
-                self.assertEqual(self.picture(os.path.join(build, "consumer"), f"{name}.ppm"),
-                                 read_ppm(self.at("example.ppm")))
+            for example, language in ("minimal.c", "C"), ("player.cpp", "CXX"):
+                with self.subTest(library=name, example=example):
+                    self.by_find_package(name, example, language)
 
     def test_pkg_config(self):
         environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
@@ -81,7 +86,7 @@ class Install(unittest.TestCase):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    for argument in ("build", "source", "stgs", "fixture", "minimal", "cmake", "cc"):
+    for argument in ("build", "source", "stgs", "fixture", "minimal", "cmake", "cc", "cxx"):
         parser.add_argument(f"--{argument}", required=True)
     ARGUMENTS, rest = parser.parse_known_args()
     unittest.main(argv=["test_install.py", *rest])

@@ -18,8 +18,8 @@ inline constexpr const char* kAttributeNames[encoder::kAttributes] = {
     "time",     "velocity",  "log_sigma", "radius"};
 
 // |a - b| / |a|, in double; infinite where a number is not finite.
-template <typename T>
-double difference(const std::vector<T>& a, const std::vector<T>& b) {
+template <typename Array>
+double difference(const Array& a, const Array& b) {
   if (a.size() != b.size()) return INFINITY;
   double square = 0, length = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {

@@ -14,7 +14,7 @@ class OnDeviceGaussians {
   OnDeviceGaussians(std::size_t n, int sh_degree) {
     set_.sh_degree = sh_degree;
     set_.resize(n);
-    for (std::vector<float>* array : arrays(set_)) {
+    for (FloatArray* array : arrays(set_)) {
       arrays_.emplace_back(std::vector<float>(array->size(), -7.0f));
     }
   }
@@ -26,10 +26,13 @@ class OnDeviceGaussians {
   Gaussians4D read() const {
     Gaussians4D out = set_;
     const auto to = arrays(out);
-    for (std::size_t k = 0; k < to.size(); ++k) *to[k] = arrays_[k].read();
+    for (std::size_t k = 0; k < to.size(); ++k) {
+      const std::vector<float> read = arrays_[k].read();
+      to[k]->assign(read.begin(), read.end());
+    }
     return out;
   }
-  static std::array<std::vector<float>*, 9> arrays(Gaussians4D& set) {
+  static std::array<FloatArray*, 9> arrays(Gaussians4D& set) {
     return {&set.position, &set.log_scale, &set.rotation, &set.opacity_logit, &set.sh,
             &set.time,     &set.velocity,  &set.sigma,    &set.radius};
   }

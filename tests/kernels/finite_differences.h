@@ -5,15 +5,15 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <vector>
+#include <span>
 
 namespace stgs::testing {
 
 // Checks gradient[k] against the differences of problem.loss() by values[k], which are part of the
 // problem: within `tolerance` of itself, or of the attribute's root mean square.
 template <typename Problem>
-void check_gradient(Problem& problem, const char* name, std::vector<float>& values,
-                    const std::vector<float>& gradient, float step, double tolerance) {
+void check_gradient(Problem& problem, const char* name, std::span<float> values,
+                    std::span<const float> gradient, float step, double tolerance) {
   REQUIRE(values.size() == gradient.size());
   double square = 0;
   for (float g : gradient) square += static_cast<double>(g) * g;

@@ -208,7 +208,7 @@ TEST_CASE("twenty steps leave the CPU's state") {
     for (int a = 0; a < kAttributes; ++a) {
       // What the steps have moved; Adam makes full steps of the smallest gradients too, so those
       // that are rounding errors go their own way.
-      std::vector<float> moved_cpu = cpu.values(a), moved_gpu = gpu.values(a);
+      FloatArray moved_cpu = cpu.values(a), moved_gpu = gpu.values(a);
       for (std::size_t i = 0; i < moved_cpu.size(); ++i) {
         moved_cpu[i] -= start.values(a)[i];
         moved_gpu[i] -= start.values(a)[i];
@@ -324,7 +324,7 @@ TEST_CASE("densification makes the CPU's decisions") {
         INFO(kAttributeNames[a]);
         CHECK(cpu.moments[a].first == gpu.moments[a].first);
         // replace() leaves what is broken where there is nothing to put in its place.
-        const std::vector<float>&x = cpu.values(a), &y = gpu.values(a);
+        const FloatArray &x = cpu.values(a), &y = gpu.values(a);
         double worst = 0;
         for (std::size_t i = 0; i < x.size(); ++i) {
           if (std::isnan(x[i]) && std::isnan(y[i])) continue;

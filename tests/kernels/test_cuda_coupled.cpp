@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <random>
+#include <span>
 
 #include "cuda_backend_check.h"
 #include "stgs/encoder/train.h"
@@ -49,7 +50,7 @@ void steps(TrainBackend& backend, TrainState& state, int count) {
   check(backend.synchronise());
 }
 
-void compare(const char* name, const std::vector<float>& a, const std::vector<float>& b,
+void compare(const char* name, std::span<const float> a, std::span<const float> b,
              double tolerance) {
   const double d = difference(a, b);
   std::printf("  coupled %-14s %.2e\n", name, d);

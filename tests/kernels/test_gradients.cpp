@@ -8,6 +8,7 @@
 #include <cstring>
 #include <functional>
 #include <random>
+#include <span>
 
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
@@ -111,8 +112,8 @@ Problem make_problem(unsigned seed) {
   return p;
 }
 
-void check(Problem& p, const char* name, std::vector<float>& values,
-           const std::vector<float>& gradient, float step) {
+void check(Problem& p, const char* name, std::span<float> values, std::span<const float> gradient,
+           float step) {
   testing::check_gradient(p, name, values, gradient, step, 5e-3);
 }
 

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 #include <random>
+#include <span>
 
 #include "backend/cpu/surface.h"
 #include "finite_differences.h"
@@ -119,8 +120,8 @@ Problem make_problem(unsigned seed) {
   return p;
 }
 
-void check(Problem& p, const char* name, std::vector<float>& values,
-           const std::vector<float>& gradient, float step) {
+void check(Problem& p, const char* name, std::span<float> values, std::span<const float> gradient,
+           float step) {
   testing::check_gradient(p, name, values, gradient, step, 1.5e-2);
 }
 

@@ -3,6 +3,7 @@
 #include <tbb/global_control.h>
 
 #include <catch2/catch.hpp>
+#include <span>
 
 #include "../api/scene_fixture.h"
 #include "vector_targets.h"
@@ -57,7 +58,7 @@ TEST_CASE("a segment of several threads' chunks is what was written") {
   double position = 0, colour = 0, speed = 0;
   for (std::size_t i = 0; i < got.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const auto apart = [&](const std::vector<float>& a, const std::vector<float>& b,
+      const auto apart = [&](std::span<const float> a, std::span<const float> b,
                              std::size_t stride) {
         return std::abs(double{a[i * stride + c]} - b[order[i] * stride + c]);
       };

@@ -165,7 +165,7 @@ TEST_CASE("the regularisers' gradients match finite differences of their loss") 
 TEST_CASE("a lifespan that changes leaves the motion as it is") {
   TrainState state = random_state(4, 6);
   state.derive_all(true);
-  const std::vector<float> before = state.set.velocity;
+  const FloatArray before = state.set.velocity;
   for (std::size_t i = 0; i < state.size(); ++i) {
     const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
     state.log_sigma[i] += 1.5f;
@@ -207,7 +207,7 @@ TEST_CASE("without the modulation v is the motion, and settles by the lifespan a
     state.settle(i, 7.0f, false, rules);
     state.derive(i, false);
   }
-  CHECK(state.set.velocity == std::vector<float>{0.3f, 0.0f, 0.4f, 0.15f, 0.0f, 0.2f});
+  CHECK(state.set.velocity == FloatArray{0.3f, 0.0f, 0.4f, 0.15f, 0.0f, 0.2f});
 }
 
 TEST_CASE("a step leaves out its share of the primitives, others each time") {

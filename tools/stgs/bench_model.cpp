@@ -83,7 +83,7 @@ void fill_harmonics(Gaussians4D& set, std::uint64_t seed) {
   const auto have = 3 * static_cast<std::size_t>(set.sh_coefficients());
   set.sh_degree = math::kShMaxDegree;
   const auto want = 3 * static_cast<std::size_t>(set.sh_coefficients());
-  std::vector<float> sh(want * set.size());
+  FloatArray sh(want * set.size());
   for (std::size_t i = 0; i < set.size(); ++i) {
     for (std::size_t k = 0; k < want; ++k) {
       sh[want * i + k] =

@@ -89,7 +89,8 @@ int Session::conclude(Status status) {
   if (!status.ok() && interrupted()) status = runtime_error("interrupted: {}", status.message());
   if (!status.ok()) log(0, status.message());
   if (world_ != nullptr) world_->finish();
-  return static_cast<int>(status.code());
+  const bool no_memory = status.code() == StatusCode::kNoMemory;
+  return static_cast<int>(no_memory ? StatusCode::kRuntime : status.code());
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {

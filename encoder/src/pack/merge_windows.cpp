@@ -97,7 +97,7 @@ double seam_of(const Scene& before, const Scene& after) {
 }
 
 void append(const Gaussians4D& from, float shift, Gaussians4D& to) {
-  const auto add = [](const std::vector<float>& more, std::vector<float>& all) {
+  const auto add = [](const auto& more, auto& all) {
     all.insert(all.end(), more.begin(), more.end());
   };
   const std::size_t first = to.size();

@@ -3,16 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 namespace stgs::encoder {
 namespace {
 
-math::Quat read4(const std::vector<float>& array, std::size_t i) {
+math::Quat read4(std::span<const float> array, std::size_t i) {
   const float* q = &array[4 * i];
   return {q[0], q[1], q[2], q[3]};
 }
 
-void write4(std::vector<float>& array, std::size_t i, math::Quat q) {
+void write4(std::span<float> array, std::size_t i, math::Quat q) {
   array[4 * i] = q.w;
   array[4 * i + 1] = q.x;
   array[4 * i + 2] = q.y;

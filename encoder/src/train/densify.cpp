@@ -36,7 +36,7 @@ void split_into(TrainState& state, std::size_t from, std::size_t to, Random& ran
   state.copy_parameters(from, to);
   move_by_sample(state, to, 1.0f, random);
   move_by_sample(state, from, 1.0f, random);
-  std::vector<float>& log_scale = state.values(kLogScale);
+  FloatArray& log_scale = state.values(kLogScale);
   for (int c = 0; c < 3; ++c) {
     log_scale[3 * from + c] -= std::log(kSplitShrink);
     log_scale[3 * to + c] = log_scale[3 * from + c];

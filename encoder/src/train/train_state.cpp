@@ -33,7 +33,7 @@ int TrainState::components(int attribute) const {
   }
 }
 
-const std::vector<float>& TrainState::values(int attribute) const {
+const FloatArray& TrainState::values(int attribute) const {
   switch (attribute) {
     case kPosition:
       return set.position;
@@ -56,8 +56,8 @@ const std::vector<float>& TrainState::values(int attribute) const {
   }
 }
 
-std::vector<float>& TrainState::values(int attribute) {
-  return const_cast<std::vector<float>&>(std::as_const(*this).values(attribute));
+FloatArray& TrainState::values(int attribute) {
+  return const_cast<FloatArray&>(std::as_const(*this).values(attribute));
 }
 
 void TrainState::resize(std::size_t n) {
@@ -144,7 +144,7 @@ void TrainState::clear_moments(std::size_t i) {
 }
 
 void TrainState::copy_parameters(std::size_t from, std::size_t to) {
-  const auto copy = [from, to](std::vector<float>& array, std::size_t components) {
+  const auto copy = [from, to](FloatArray& array, std::size_t components) {
     std::copy_n(array.begin() + static_cast<std::ptrdiff_t>(from * components), components,
                 array.begin() + static_cast<std::ptrdiff_t>(to * components));
   };

@@ -47,19 +47,19 @@ using ColourMap = std::array<float, 12>;
 inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
 struct CoupledParameters {
-  float tick = 0;                // units of time a frame; 0: not in use, and all arrays empty
-  std::vector<float> log_scale;  // N x 3, kLogScale
-  std::vector<float> left;       // N x 4, kRotation
-  std::vector<float> right;      // N x 4, kVelocity: time and space mix where it is not left's
-  std::vector<float> log_time;   // N, kLogSigma
+  float tick = 0;        // units of time a frame; 0: not in use, and all arrays empty
+  FloatArray log_scale;  // N x 3, kLogScale
+  FloatArray left;       // N x 4, kRotation
+  FloatArray right;      // N x 4, kVelocity: time and space mix where it is not left's
+  FloatArray log_time;   // N, kLogSigma
 };
 
 struct TrainState {
   // set.velocity and set.sigma are derived (effective velocity v / f, exp(log_sigma)); the rest of
   // the set is learnt as it stands.
   Gaussians4D set;
-  std::vector<float> velocity;   // N x 3, v of the paper; scene units a frame
-  std::vector<float> log_sigma;  // N, log frames
+  FloatArray velocity;   // N x 3, v of the paper; scene units a frame
+  FloatArray log_sigma;  // N, log frames
   // Where the paper's representation is ablated: the learnt form of 4DGS (encoder/math/coupled.h),
   // which stands in for scales, rotation, velocity and sigma; these are then derived from it.
   CoupledParameters coupled;
@@ -80,8 +80,8 @@ struct TrainState {
 
   std::size_t size() const { return log_sigma.size(); }
   int components(int attribute) const;
-  std::vector<float>& values(int attribute);
-  const std::vector<float>& values(int attribute) const;
+  FloatArray& values(int attribute);
+  const FloatArray& values(int attribute) const;
 
   void resize(std::size_t n);
   bool is_coupled() const { return coupled.tick > 0; }

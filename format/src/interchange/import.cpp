@@ -10,7 +10,7 @@ namespace {
 constexpr float kFlatLogScale = -30.0f;  // of an axis of size 0: 1e-13 scene units
 constexpr std::size_t kLargestCount = 0xFFFFFFFF;
 
-bool all_finite(const std::vector<float>& array, std::size_t i, std::size_t components) {
+bool all_finite(const FloatArray& array, std::size_t i, std::size_t components) {
   return std::all_of(array.begin() + static_cast<std::ptrdiff_t>(i * components),
                      array.begin() + static_cast<std::ptrdiff_t>((i + 1) * components),
                      [](float v) { return std::isfinite(v); });

@@ -68,7 +68,8 @@ Result<Gaussians4D> at_moment(const Scene& scene, double ticks) {
   }
   const Gaussians4D& set = scene.gaussians;
   std::vector<std::uint32_t> seen;
-  std::vector<float> logits, ages;  // ages: t - T
+  FloatArray logits;
+  std::vector<float> ages;  // t - T
   for (const DrawnPart& part : parts_at(scene, ticks)) {
     for (std::size_t i = part.first; i < part.last; ++i) {
       const auto dt = static_cast<float>(part.moment - set.time[i]);

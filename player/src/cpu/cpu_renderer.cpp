@@ -38,7 +38,8 @@ class CpuRenderer final : public Renderer {
       frames_.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames_[i], sums);
     } catch (const std::bad_alloc&) {
-      return runtime_error("{}: cannot draw {} s: not enough memory", timeline.name(), seconds);
+      return {StatusCode::kNoMemory,
+              fmt::format("{}: cannot draw {} s: not enough memory", timeline.name(), seconds)};
     } catch (const std::exception& e) {
       return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
     }

@@ -136,16 +136,15 @@ Status SegmentCache::lay_out(const Gaussians4D& set, std::uint8_t*& fresh) {
   STGS_TRY(floats_.ensure((floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float)));
   auto* memory = reinterpret_cast<float*>(floats_.data());
   const DeviceGaussians to = take(memory, n, sh_degree());
-  const std::pair<float*, const std::vector<float>*> arrays[] = {
-      {to.position, &set.position},
-      {to.log_scale, &set.log_scale},
-      {to.rotation, &set.rotation},
-      {to.opacity_logit, &set.opacity_logit},
-      {to.sh, &set.sh},
-      {to.time, &set.time},
-      {to.velocity, &set.velocity},
-      {to.sigma, &set.sigma},
-      {to.radius, &set.radius}};
+  const std::pair<float*, const FloatArray*> arrays[] = {{to.position, &set.position},
+                                                         {to.log_scale, &set.log_scale},
+                                                         {to.rotation, &set.rotation},
+                                                         {to.opacity_logit, &set.opacity_logit},
+                                                         {to.sh, &set.sh},
+                                                         {to.time, &set.time},
+                                                         {to.velocity, &set.velocity},
+                                                         {to.sigma, &set.sigma},
+                                                         {to.radius, &set.radius}};
   for (const auto& [there, here] : arrays) {
     STGS_TRY(cuda_status(cudaMemcpyAsync(there, here->data(), sizeof(float) * here->size(),
                                          cudaMemcpyHostToDevice, stream_.get()),

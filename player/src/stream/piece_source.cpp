@@ -25,8 +25,9 @@ Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) cons
   return {};
 }
 
-void PieceSource::put(std::uint64_t offset, std::vector<std::uint8_t> bytes) {
-  auto shared = std::make_shared<const std::vector<std::uint8_t>>(std::move(bytes));
+void PieceSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+  auto shared =
+      std::make_shared<const std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory_);
   const std::lock_guard lock(mutex_);
   pieces_[offset] = std::move(shared);
 }

@@ -4,7 +4,9 @@
 
 #include <map>
 #include <memory>
+#include <memory_resource>
 #include <mutex>
+#include <span>
 #include <vector>
 
 #include "stgs/format/byte_source.h"
@@ -15,7 +17,9 @@ namespace stgs::player {
 // refresh().
 class PieceSource final : public ByteSource {
  public:
-  explicit PieceSource(std::unique_ptr<ByteSource> under) : under_(std::move(under)) {}
+  // `memory`: of the pieces.
+  PieceSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory)
+      : under_(std::move(under)), memory_(memory) {}
 
   std::uint64_t size() const override { return under_->size(); }
   const std::string& name() const override { return under_->name(); }
@@ -23,13 +27,14 @@ class PieceSource final : public ByteSource {
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
   const ByteSource& under() const { return *under_; }
-  void put(std::uint64_t offset, std::vector<std::uint8_t> bytes);
+  void put(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   void drop(std::uint64_t offset);
 
  private:
-  using Bytes = std::shared_ptr<const std::vector<std::uint8_t>>;
+  using Bytes = std::shared_ptr<const std::pmr::vector<std::uint8_t>>;
 
   std::unique_ptr<ByteSource> under_;
+  std::pmr::memory_resource* memory_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Bytes> pieces_;  // by offset
 };

@@ -3,6 +3,7 @@
 #include <exception>
 #include <utility>
 
+#include "stgs/format/parallel.h"
 #include "stream/segment_store.h"
 
 namespace stgs::player {
@@ -31,14 +32,16 @@ Status SegmentStore::decode(std::uint32_t segment, bool with_harmonics,
     Result<Gaussians4D> set = with_harmonics ? reader_->decode_sound(segment, harmonics)
                                              : reader_->decode(segment, false);
     STGS_TRY(set.status());
-    held = std::make_shared<const HeldSegment>(std::move(set).value());
+    held = std::make_shared<const HeldSegment>(std::move(set).value(), settings_.memory);
     return {};
   } catch (const std::exception& e) {
-    return runtime_error("{}: cannot hold segment {}: {}", source_.name(), segment, e.what());
+    return {code_of(e),
+            fmt::format("{}: cannot hold segment {}: {}", source_.name(), segment, e.what())};
   }
 }
 
 void SegmentStore::decode_segments() {
+  const UseTaskRunner use(settings_.task_runner);
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     const std::optional<std::uint32_t> segment = next_decode();
@@ -52,7 +55,8 @@ void SegmentStore::decode_segments() {
     lock.unlock();
     std::shared_ptr<const HeldSegment> held;
     Status harmonics;
-    const Status base = decode(*segment, with_harmonics, held, harmonics);
+    Status base;
+    run_as_task([&] { base = decode(*segment, with_harmonics, held, harmonics); });
     lock.lock();
     entry.decoding = false;
     take_decoded(*segment, with_harmonics, std::move(held), base, harmonics);

@@ -154,7 +154,8 @@ void SegmentStore::fetch_pieces() {
       if (status.ok() && bytes.size() == run->bytes) put(*run, bytes);
     } catch (const std::exception& e) {
       bytes.clear();
-      status = runtime_error("{}: cannot hold {} bytes: {}", source_.name(), run->bytes, e.what());
+      status = {code_of(e),
+                fmt::format("{}: cannot hold {} bytes: {}", source_.name(), run->bytes, e.what())};
     }
     const bool came = status.ok() && bytes.size() == run->bytes;
     lock.lock();
@@ -201,7 +202,7 @@ void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
   for (const Piece& piece : run.pieces) {
     const auto own = bytes.subspan(static_cast<std::size_t>(piece_offset(piece) - run.offset),
                                    static_cast<std::size_t>(piece_bytes(piece)));
-    source_.put(piece_offset(piece), {own.begin(), own.end()});
+    source_.put(piece_offset(piece), own);
   }
 }
 

@@ -74,6 +74,34 @@ enum { STGS_LOG_ERROR = 0, STGS_LOG_WARNING = 1, STGS_LOG_INFO = 2 };
 /* Called on the thread of a call, during it. Must not call functions with the same object. */
 typedef void (*stgs_log_fn)(void* user, stgs_log_level level, const char* message);
 
+/* Threads of the application's for the work of the library; used for what its settings say. */
+typedef struct stgs_task_runner {
+  size_t struct_size;
+  void* user;
+  /* Calls task(argument) once at least and `count` times at most, on whichever threads, at once
+   * where it can, and returns when these calls have returned. The calls share the work: one of them
+   * alone does all that is left. Called by several threads at once, and from within tasks: a thread
+   * that waits here for others must run what they wait for, or they wait for each other; one that
+   * calls the task itself, and waits for no call that has not begun, never does. */
+  void (*run)(void* user, void (*task)(void* argument), void* argument, uint32_t count);
+  uint32_t threads; /* that work is shared out for, 1 to 1024: the greatest `count` */
+} stgs_task_runner;
+
+/* Memory of the application's for what a scene or a player holds: bytes that were fetched or
+ * copied, decoded primitives, and when these are seen. Not for what lists the file, for what
+ * opening, decoding and drawing take while they last, nor for a renderer's buffers and a device.
+ * Must work until the scene or player and the renderers that have drawn it are destroyed. */
+typedef struct stgs_allocator {
+  size_t struct_size;
+  void* user;
+  /* More than 0 bytes at a multiple of `alignment`, a power of 2. NULL: there are none, which ends
+   * the call with STGS_ERROR_OUT_OF_MEMORY; a player loses what it was for, and tries again later.
+   * Any thread, several at once. */
+  void* (*allocate)(void* user, size_t bytes, size_t alignment);
+  /* Takes back what `allocate` gave for the same numbers. Any thread, several at once. */
+  void (*free)(void* user, void* memory, size_t bytes, size_t alignment);
+} stgs_allocator;
+
 /* --- Scenes --- */
 
 typedef struct stgs_scene stgs_scene;
@@ -86,6 +114,7 @@ typedef struct stgs_scene_settings {
   int32_t refuse_damage;   /* 0 (default): draw what is sound of a damaged file, and log it */
   stgs_log_fn log;         /* NULL (default): silent */
   void* log_user;
+  const stgs_allocator* allocator; /* copied; NULL (default): the heap */
 } stgs_scene_settings;
 
 /* `struct_size` is sizeof(*settings). */
@@ -214,6 +243,9 @@ typedef struct stgs_renderer_settings {
   stgs_backend backend; /* default STGS_BACKEND_AUTO */
   stgs_log_fn log;      /* NULL (default): silent */
   void* log_user;
+  /* For all that drawing does on the processor, decoding what a scene lacks included; copied.
+   * NULL (default): the library's threads, and the caller's. */
+  const stgs_task_runner* task_runner;
 } stgs_renderer_settings;
 
 /* `struct_size` is sizeof(*settings). */

@@ -46,6 +46,10 @@ typedef struct stgs_player_settings {
   double url_stall_seconds;   /* of a URL: without a byte, then a try fails; default 10 */
   stgs_log_fn log;            /* NULL (default): silent */
   void* log_user;
+  /* For decoding; copied. Reads stay on threads of the player's, since they wait. NULL (default):
+   * the library's threads. */
+  const stgs_task_runner* task_runner;
+  const stgs_allocator* allocator; /* copied; NULL (default): the heap */
 } stgs_player_settings;
 
 /* `struct_size` is sizeof(*settings). */

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
@@ -18,7 +19,7 @@ using raster::View;
 // Splats a block of parallel work.
 constexpr std::size_t kBlock = 512;
 
-void write3(std::vector<float>& array, std::size_t i, Vec3 v) {
+void write3(std::span<float> array, std::size_t i, Vec3 v) {
   array[3 * i] = v.x;
   array[3 * i + 1] = v.y;
   array[3 * i + 2] = v.z;

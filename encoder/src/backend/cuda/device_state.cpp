@@ -28,9 +28,9 @@ void copy(std::uint32_t* to, const std::uint32_t* from, std::size_t words) {
                     });
 }
 
-template <typename T>
-std::uint32_t* words_of(std::vector<T>& array) {
-  static_assert(sizeof(T) % sizeof(std::uint32_t) == 0);
+template <typename Array>
+std::uint32_t* words_of(Array& array) {
+  static_assert(sizeof(typename Array::value_type) % sizeof(std::uint32_t) == 0);
   return reinterpret_cast<std::uint32_t*>(array.data());
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory_resource>
 #include <vector>
 
 namespace stgs {
@@ -23,18 +24,25 @@ struct TimeBase {
 // for 30000/1001), or thousandths.
 TimeBase frame_time_of(double fps);
 
+// Components of primitives.
+using FloatArray = std::pmr::vector<float>;
+
 // N primitives. Every array holds its components one primitive after the other.
 struct Gaussians4D {
-  int sh_degree = 0;                 // 0..3
-  std::vector<float> position;       // N x 3, at time `time`; scene units
-  std::vector<float> log_scale;      // N x 3, natural log of the standard deviations
-  std::vector<float> rotation;       // N x 4, quaternion w x y z of any length but 0
-  std::vector<float> opacity_logit;  // N
-  std::vector<float> sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
-  std::vector<float> time;           // N, centre T; ticks from the beginning of its part
-  std::vector<float> velocity;       // N x 3, effective velocity u = v / f; scene units a tick
-  std::vector<float> sigma;          // N, > 0; ticks
-  std::vector<float> radius;         // N, >= 0; ticks
+  int sh_degree = 0;         // 0..3
+  FloatArray position;       // N x 3, at time `time`; scene units
+  FloatArray log_scale;      // N x 3, natural log of the standard deviations
+  FloatArray rotation;       // N x 4, quaternion w x y z of any length but 0
+  FloatArray opacity_logit;  // N
+  FloatArray sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
+  FloatArray time;           // N, centre T; ticks from the beginning of its part
+  FloatArray velocity;       // N x 3, effective velocity u = v / f; scene units a tick
+  FloatArray sigma;          // N, > 0; ticks
+  FloatArray radius;         // N, >= 0; ticks
+
+  Gaussians4D() = default;
+  // With its memory from there, and that of what it is moved to; copies are on the heap.
+  explicit Gaussians4D(std::pmr::memory_resource* memory);
 
   std::size_t size() const { return opacity_logit.size(); }
   int sh_coefficients() const { return (sh_degree + 1) * (sh_degree + 1); }

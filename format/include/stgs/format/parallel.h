@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work on all threads. TBB does it, but for the thread sanitizer, which cannot see TBB's scheduler
-// (a system library that is not built with it) and would call every hand-over a race: there it is
-// done with threads of the standard library, so that what is reported is ours.
+// Work on all threads: those of the thread's TaskRunner, else TBB's. The thread sanitizer cannot
+// see TBB's scheduler (a system library that is not built with it) and would call every hand-over a
+// race: there threads of the standard library do it, so that what is reported is ours.
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
+#include <exception>
+#include <mutex>
 #include <optional>
 
 #include <tbb/global_control.h>
+#include "stgs/format/task_runner.h"
 
 #ifdef __SANITIZE_THREAD__
-#include <atomic>
-#include <exception>
-#include <mutex>
 #include <thread>
 #include <vector>
 #else
@@ -44,19 +45,21 @@ void parallel_blocks(Index begin, Index end, Index grain, const Body& body);
 template <typename Job, typename Produce, typename Consume>
 void parallel_jobs(int held, const Produce& produce, const Consume& consume);
 
-#ifdef __SANITIZE_THREAD__
+// body() by the thread's TaskRunner, where it has one; else here and now.
+template <typename Body>
+void run_as_task(const Body& body);
 
-inline int concurrency() {
-  using Control = tbb::global_control;
-  return static_cast<int>(Control::active_value(Control::max_allowed_parallelism));
-}
+namespace detail {
 
-// work() on `threads` threads, the caller's included; the first exception is rethrown.
+// work(), which leaves nothing to those who come later, by up to `threads` threads; the first
+// exception is rethrown.
 template <typename Work>
-void run_on_threads(int threads, const Work& work) {
+void share(int threads, const Work& work) {
   std::exception_ptr error;
   std::mutex mutex;
+  TaskRunner* const runner = task_runner();
   const auto guarded = [&] {
+    const UseTaskRunner inside(runner);
     try {
       work();
     } catch (...) {
@@ -64,19 +67,28 @@ void run_on_threads(int threads, const Work& work) {
       if (!error) error = std::current_exception();
     }
   };
-  std::vector<std::thread> others;
-  for (int i = 1; i < threads; ++i) others.emplace_back(guarded);
-  guarded();
-  for (std::thread& thread : others) thread.join();
+  if (runner != nullptr) {
+    using Guarded = decltype(guarded);
+    runner->run([](void* argument) { (*static_cast<const Guarded*>(argument))(); },
+                const_cast<void*>(static_cast<const void*>(&guarded)), threads);
+  } else {
+#ifdef __SANITIZE_THREAD__
+    std::vector<std::thread> others;
+    for (int i = 1; i < threads; ++i) others.emplace_back(guarded);
+    guarded();
+    for (std::thread& thread : others) thread.join();
+#else
+    guarded();
+#endif
+  }
   if (error) std::rethrow_exception(error);
 }
 
 template <typename Index, typename Body>
-void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
-  if (!(begin < end)) return;
+void share_blocks(Index begin, Index end, Index grain, const Body& body) {
   const Index blocks = (end - begin + grain - 1) / grain;
   std::atomic<Index> next{0};
-  run_on_threads(static_cast<int>(std::min<std::size_t>(blocks, concurrency())), [&] {
+  share(static_cast<int>(std::min<std::size_t>(blocks, concurrency())), [&] {
     for (Index b = next++; b < blocks; b = next++) {
       const Index first = begin + b * grain;
       try {
@@ -89,16 +101,11 @@ void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
   });
 }
 
-template <typename Index, typename Body>
-void parallel_for(Index begin, Index end, const Body& body) {
-  parallel_blocks(begin, end, Index{1}, [&body](Index first, Index) { body(first); });
-}
-
 template <typename Job, typename Produce, typename Consume>
-void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
+void share_jobs(int held, const Produce& produce, const Consume& consume) {
   std::mutex producing;
   bool ended = false;
-  run_on_threads(std::min(held, concurrency()), [&] {
+  share(std::min(held, concurrency()), [&] {
     for (;;) {
       std::optional<Job> job;
       {
@@ -112,43 +119,67 @@ void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
   });
 }
 
-#else
+}  // namespace detail
 
 inline int concurrency() {
+  if (const TaskRunner* runner = task_runner()) return runner->threads();
   using Control = tbb::global_control;
-  const auto limit = Control::active_value(Control::max_allowed_parallelism);
-  return std::min(tbb::this_task_arena::max_concurrency(), static_cast<int>(limit));
-}
-
-template <typename Index, typename Body>
-void parallel_for(Index begin, Index end, const Body& body) {
-  tbb::parallel_for(begin, end, body);
+  const auto limit = static_cast<int>(Control::active_value(Control::max_allowed_parallelism));
+#ifdef __SANITIZE_THREAD__
+  return limit;
+#else
+  return std::min(tbb::this_task_arena::max_concurrency(), limit);
+#endif
 }
 
 template <typename Index, typename Body>
 void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
-  tbb::parallel_for(
-      tbb::blocked_range<Index>(begin, end, static_cast<std::size_t>(grain)),
-      [&body](const tbb::blocked_range<Index>& range) { body(range.begin(), range.end()); },
-      tbb::simple_partitioner());
+  if (!(begin < end)) return;
+#ifndef __SANITIZE_THREAD__
+  if (task_runner() == nullptr) {
+    return tbb::parallel_for(
+        tbb::blocked_range<Index>(begin, end, static_cast<std::size_t>(grain)),
+        [&body](const tbb::blocked_range<Index>& range) { body(range.begin(), range.end()); },
+        tbb::simple_partitioner());
+  }
+#endif
+  detail::share_blocks(begin, end, grain, body);
+}
+
+template <typename Index, typename Body>
+void parallel_for(Index begin, Index end, const Body& body) {
+  if (!(begin < end)) return;
+#ifndef __SANITIZE_THREAD__
+  if (task_runner() == nullptr) return tbb::parallel_for(begin, end, body);
+#endif
+  detail::share_blocks(begin, end, Index{1}, [&body](Index first, Index) { body(first); });
 }
 
 template <typename Job, typename Produce, typename Consume>
 void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
-  using Slot = std::shared_ptr<Job>;
-  const auto next = [&produce](tbb::flow_control& flow) -> Slot {
-    std::optional<Job> job = produce();
-    if (job) return std::make_shared<Job>(std::move(*job));
-    flow.stop();
-    return nullptr;
-  };
-  tbb::parallel_pipeline(
-      static_cast<std::size_t>(held),
-      tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
-          tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
-                                       [&consume](const Slot& job) { consume(*job); }));
+#ifndef __SANITIZE_THREAD__
+  if (task_runner() == nullptr) {
+    using Slot = std::shared_ptr<Job>;
+    const auto next = [&produce](tbb::flow_control& flow) -> Slot {
+      std::optional<Job> job = produce();
+      if (job) return std::make_shared<Job>(std::move(*job));
+      flow.stop();
+      return nullptr;
+    };
+    return tbb::parallel_pipeline(
+        static_cast<std::size_t>(held),
+        tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
+            tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
+                                         [&consume](const Slot& job) { consume(*job); }));
+  }
+#endif
+  detail::share_jobs<Job>(held, produce, consume);
 }
 
-#endif
+template <typename Body>
+void run_as_task(const Body& body) {
+  if (task_runner() == nullptr) return body();
+  detail::share(1, body);
+}
 
 }  // namespace stgs

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <span>
 #include <vector>
 
 #include "stgs/format/gaussian4d.h"
@@ -29,7 +30,7 @@ inline View view_of(const Gaussians4D& set, double t, const math::PinholeCamera&
 }
 
 // Entry i of an array of N x 3.
-inline math::Vec3 read3(const std::vector<float>& array, std::size_t i) {
+inline math::Vec3 read3(std::span<const float> array, std::size_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 

@@ -162,8 +162,11 @@ struct Issue {
 // read when asked for. Thread-safe after open.
 class SceneReader {
  public:
-  static Result<std::unique_ptr<SceneReader>> open(std::unique_ptr<ByteSource> source,
-                                                   const ReadLimits& limits = {});
+  // `memory` is where decode() takes that of what it gives, from several threads at once; it
+  // outlives both.
+  static Result<std::unique_ptr<SceneReader>> open(
+      std::unique_ptr<ByteSource> source, const ReadLimits& limits = {},
+      std::pmr::memory_resource* memory = std::pmr::get_default_resource());
   static Result<std::unique_ptr<SceneReader>> open(const std::string& path,
                                                    const ReadLimits& limits = {});
   virtual ~SceneReader() = default;

@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include <exception>
+#include <new>
 #include <optional>
 #include <string>
 #include <system_error>
@@ -11,7 +13,7 @@
 
 namespace stgs {
 
-// The command line's exit codes are these values.
+// The command line's exit codes are these values, but where one says otherwise.
 enum class StatusCode : int {
   kOk = 0,
   kUsage = 1,        // the caller asked for something that makes no sense
@@ -21,7 +23,14 @@ enum class StatusCode : int {
   kUnsupported = 5,  // well-formed, but not possible here
   kNotBuilt = 6,     // a part that this build leaves out
   kDiffers = 7,      // a comparison found a difference
+  kNoMemory = 8,     // not enough memory; the command line's exit code is kRuntime's
 };
+
+// Of what was thrown.
+inline StatusCode code_of(const std::exception& e) {
+  return dynamic_cast<const std::bad_alloc*>(&e) != nullptr ? StatusCode::kNoMemory
+                                                            : StatusCode::kRuntime;
+}
 
 // The result of an operation: kOk, or a code with a message that says what, where and what to do.
 class [[nodiscard]] Status {

@@ -6,11 +6,13 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <memory_resource>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "stgs/format/byte_source.h"
+#include "stgs/format/task_runner.h"
 #include "stgs/player/source.h"
 #include "stgs/player/timeline.h"
 
@@ -47,6 +49,10 @@ struct PlayerSettings {
   int fetches = 4;           // at once
   HttpSettings http;         // of a URL
   ReadLimits limits;         // of the file
+  // Decodes; outlives the player. Null: threads of our own.
+  TaskRunner* task_runner = nullptr;
+  // Of what is fetched and decoded, from several threads at once. Null: the heap.
+  std::shared_ptr<std::pmr::memory_resource> memory;
 };
 
 inline constexpr double kMinRate = -2, kMaxRate = 4;

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/task_runner.h"
+
+#include <utility>
+
+namespace stgs {
+namespace {
+
+thread_local TaskRunner* current = nullptr;
+
+}  // namespace
+
+TaskRunner* task_runner() {
+  return current;
+}
+
+UseTaskRunner::UseTaskRunner(TaskRunner* runner) : before_(std::exchange(current, runner)) {}
+
+UseTaskRunner::~UseTaskRunner() {
+  current = before_;
+}
+
+}  // namespace stgs

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "memory.h"
+
+#include <algorithm>
+#include <new>
+
+namespace stgs::sdk {
+namespace {
+
+// What the heap gives, and vectors of numbers are quick with.
+constexpr std::size_t kLeastAlignment = __STDCPP_DEFAULT_NEW_ALIGNMENT__;
+
+class CallerMemory final : public std::pmr::memory_resource {
+ public:
+  explicit CallerMemory(const stgs_allocator& allocator) : allocator_(allocator) {}
+
+ private:
+  void* do_allocate(std::size_t bytes, std::size_t alignment) override {
+    void* const memory = allocator_.allocate(allocator_.user, std::max<std::size_t>(bytes, 1),
+                                             std::max(alignment, kLeastAlignment));
+    if (memory == nullptr) throw std::bad_alloc();
+    return memory;
+  }
+  void do_deallocate(void* memory, std::size_t bytes, std::size_t alignment) override {
+    allocator_.free(allocator_.user, memory, std::max<std::size_t>(bytes, 1),
+                    std::max(alignment, kLeastAlignment));
+  }
+  bool do_is_equal(const std::pmr::memory_resource& other) const noexcept override {
+    return this == &other;
+  }
+
+  const stgs_allocator allocator_;
+};
+
+}  // namespace
+
+stgs_result check_allocator(const stgs_allocator* allocator) {
+  if (allocator == nullptr) return STGS_OK;
+  if (const stgs_result bad = check_struct(allocator); bad != STGS_OK) return bad;
+  const bool usable = allocator->allocate != nullptr && allocator->free != nullptr;
+  return usable ? STGS_OK : STGS_ERROR_ARGUMENT;
+}
+
+std::shared_ptr<std::pmr::memory_resource> caller_memory(const stgs_allocator* allocator) {
+  if (allocator != nullptr) return std::make_shared<CallerMemory>(*allocator);
+  return {std::shared_ptr<void>(), std::pmr::new_delete_resource()};  // nobody's: it stays
+}
+
+}  // namespace stgs::sdk

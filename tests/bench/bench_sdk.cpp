@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the C interface costs an application, as JSON: a call, the way to the first picture, and the
+// memory of playing a file within a budget.
+//   bench_sdk FILE.stgs [MIB of the budget, 64]
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "stgs/stgs.hpp"
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double since(Clock::time_point begin) {
+  return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+// Nanoseconds of a call: the median of batches.
+template <typename Call>
+double cost(const Call& call) {
+  constexpr int kBatches = 51, kCalls = 2000;
+  std::vector<double> batches;
+  for (int b = 0; b < kBatches; ++b) {
+    const auto begin = Clock::now();
+    for (int k = 0; k < kCalls; ++k) call();
+    batches.push_back(1e9 * since(begin) / kCalls);
+  }
+  std::nth_element(batches.begin(), batches.begin() + kBatches / 2, batches.end());
+  return batches[kBatches / 2];
+}
+
+// The most that the process has held since `forget`, MiB.
+double resident_peak() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("VmHWM:", 0) == 0) return std::atof(line.c_str() + 6) / 1024;
+  }
+  return 0;
+}
+void forget_peak() {
+  std::ofstream("/proc/self/clear_refs") << "5";
+}
+
+template <typename Status>
+bool wait_for(stgs::Player& player, double now, const Status& holds) {
+  while (!holds(player.update(now))) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  return true;
+}
+
+nlohmann::json first_picture(const char* path, stgs::Renderer& renderer) {
+  const auto begin = Clock::now();
+  stgs::Player player;
+  player.open(path);
+  player.wait_open();
+  const double opened = since(begin);
+  const stgs_view view =
+      stgs::resized(player.scene().start_view().value_or(stgs::default_view()), 1280, 720);
+  wait_for(player, 0, [](const stgs_player_status& s) { return s.ready != 0; });
+  const double ready = since(begin);
+  (void)renderer.render_rgba8(player.scene(), 0, view);
+  const double drawn = since(begin);
+  wait_for(player, 0, [](const stgs_player_status& s) { return s.settled != 0; });
+  return {{"opened_ms", 1e3 * opened},
+          {"base_ready_ms", 1e3 * ready},
+          {"base_drawn_1280x720_ms", 1e3 * drawn},
+          {"all_layers_ms", 1e3 * since(begin)}};
+}
+
+nlohmann::json calls(const char* path) {
+  stgs::Player player;
+  player.open(path);
+  player.wait_open();
+  wait_for(player, 0, [](const stgs_player_status& s) { return s.settled != 0; });
+  std::this_thread::sleep_for(std::chrono::seconds(2));  // until nothing is fetched ahead any more
+  return {{"player_update_paused_ns", cost([&] { player.update(1); })},
+          {"player_next_event_none_ns", cost([&] { player.next_event(); })},
+          {"player_get_statistics_ns", cost([&] { player.statistics(); })},
+          {"scene_get_info_ns", cost([&] { player.scene().info(); })},
+          {"version_ns", cost([] { stgs_version(); })}};
+}
+
+// Plays all of it, as fast as it comes.
+nlohmann::json playing(const char* path, std::uint64_t budget) {
+  stgs_player_settings settings = stgs::player_settings();
+  settings.memory_budget = budget;
+  forget_peak();
+  const double before = resident_peak();
+  stgs::Player player(settings);
+  player.open(path);
+  player.wait_open();
+  player.play();
+  std::uint64_t most = 0, lost = 0;
+  int fewest = 1 << 30;
+  double now = 0;
+  for (bool ended = false; !ended;) {
+    const stgs_player_status status = player.update(now);
+    ended = status.state == STGS_PLAYER_ENDED;
+    if (status.state == STGS_PLAYER_PLAYING) {
+      now += 1.0 / 30;
+      fewest = std::min(fewest, status.layers);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    most = std::max(most, player.statistics().memory_bytes);
+    while (const auto event = player.next_event()) lost += event->kind == STGS_EVENT_LOST ? 1 : 0;
+  }
+  return {{"budget_mib", static_cast<double>(budget) / (1 << 20)},
+          {"held_at_most_mib", static_cast<double>(most) / (1 << 20)},
+          {"resident_more_at_most_mib", resident_peak() - before},
+          {"layers_at_least", fewest},
+          {"layers_of_file", player.update(now).layers_of_file},
+          {"lost", lost}};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2 || argc > 3) {
+    std::fprintf(stderr, "usage: bench_sdk FILE.stgs [MIB]\n");
+    return 1;
+  }
+  try {
+    const std::uint64_t budget =
+        (argc == 3 ? std::strtoull(argv[2], nullptr, 10) : std::uint64_t{64}) << 20;
+    stgs::Scene scene;
+    scene.open(argv[1]);
+    const stgs_scene_info info = scene.info();
+    stgs::Renderer renderer(STGS_BACKEND_CPU);
+    nlohmann::json out = {{"file_bytes", info.file_bytes},
+                          {"primitives", info.primitives},
+                          {"seconds", info.duration_seconds}};
+    out["playing"] = playing(argv[1], budget);
+    out["first_picture"] = first_picture(argv[1], renderer);
+    out["calls"] = calls(argv[1]);
+    std::printf("%s\n", out.dump(2).c_str());
+    return 0;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+}
