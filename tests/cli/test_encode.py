@@ -299,6 +299,8 @@ class Training(Paging):
              self.train("--set", "lr_radius=1", "--ablate", "lifespan")),
             (USAGE, "--set plain_reset=.2 has no effect without --ablate densification",
              self.train("--set", "plain_reset=.2")),
+            (USAGE, "--set perceptual_patch=64 has no effect without --perceptual-weights",
+             self.train("--set", "perceptual_patch=64")),
             (USAGE, "no such hyper-parameter", self.train("--set", "zzz=1")),
             (USAGE, "the hyper-parameter iterations is 0; it must be from 1 to",
              self.train("--set", "iterations=0")),
@@ -412,8 +414,9 @@ class Training(Paging):
         self.assertEqual(first, 0)
         self.assertTrue(later and all(value > 0 for value in later))
         self.assertNotEqual(self.read("out.stgs"), without)
-        told = self.succeeds(*args, "--set", "weight_normal=0.01", "--ablate", "representation")
-        self.assertIn("L_n (weight_normal) is off", told.stderr.decode())
+        # The coupled form has no axes of its own.
+        self.fails(USAGE, "weight_normal=0.01 has no effect with --ablate representation",
+                   *args, "--set", "weight_normal=0.01", "--ablate", "representation")
 
     def normals(self):
         return [line["normal"] for line in self.log("log.jsonl") if "normal" in line]

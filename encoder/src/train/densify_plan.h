@@ -17,6 +17,15 @@ struct DensifyPlan {
   int resets_due = 0;  // opacity resets so far, where grow
 };
 
+// How often a run densifies at least, however short it is: so it grows before the first stage, a
+// third of it, is over.
+inline constexpr int kLeastMoments = 6;
+
+// The densify_interval of a run of so many iterations, at most.
+constexpr int longest_interval(int iterations) {
+  return (iterations - 1) / kLeastMoments + 1;
+}
+
 // `share` of the iterations are done, [0, 1]; `interval` where the iteration is one of every
 // densify_interval.
 DensifyPlan densify_plan(const HyperParameters& parameters, const Ablation& ablation, double share,

@@ -55,7 +55,7 @@ struct HyperParameters {
   double normal_from = 7.0 / 30;  // L_n is on from here (PGSR: 7,000 of 30,000)
   double densify_from = 0.03;
   double densify_until = 0.85;  // last replacement of the second stage
-  int densify_interval = 100;   // iterations
+  int densify_interval = 100;   // iterations; less in runs of under 600, unless it is set
   int opacity_resets = 0;       // spread evenly over the first stage
   double plain_until = 0.5;     // growth where the densification is ablated (3DGS, 4DGS)
   double plain_prune = 0.005;   // prune_opacity there (3DGS)

@@ -128,9 +128,6 @@ Status Trainer::prepare_ranks() {
 }
 
 Status Trainer::prepare_backend() {
-  if (parameters_.weight_normal > 0 && !with_normals()) {
-    log_(1, "L_n (weight_normal) is off: the coupled representation has no axes of its own");
-  }
   log_(2, fmt::format("training on {}", backend_->name()));
   return backend_->reserve(train_plan({parameters_, ablation_}, perceptual_, capture_.cameras));
 }
@@ -243,9 +240,17 @@ Status Trainer::read_steps() {
   return {};
 }
 
+bool Trainer::densify_due() {
+  const double now = share();
+  // A run with a time limit may be over before it comes to an interval.
+  const bool late = settings_.max_seconds > 0 && now - densified_ >= 1.0 / kLeastMoments;
+  if (!late && !passed(static_cast<std::uint64_t>(parameters_.densify_interval))) return false;
+  densified_ = now;
+  return true;
+}
+
 Status Trainer::densify() {
-  const auto interval = static_cast<std::uint64_t>(parameters_.densify_interval);
-  const DensifyPlan plan = densify_plan(parameters_, ablation_, share(), passed(interval));
+  const DensifyPlan plan = densify_plan(parameters_, ablation_, share(), densify_due());
   if (plan.second_stage) state_.second_stage = 1;
   if (!plan.grow && !plan.replace) return {};
   STGS_TRY(read_steps());
@@ -378,6 +383,7 @@ Status Trainer::run() {
 Status Trainer::train() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
+  densified_ = share();
   STGS_TRY(backend_->begin(state_));
   // A run that had ended before has its last measure in the log, and nowhere else.
   if (finished() && !held_out_.empty()) (void)measure_held_out_now();

@@ -71,6 +71,8 @@ class Trainer {
   // After such an error: a checkpoint of the steps before, and the error with what to do. Of one
   // process alone, for others may be in the middle of the step.
   Status keep_trained(const Status& error);
+  // After a step, once.
+  bool densify_due();
   Status densify();
   // The state is here, and the same on all ranks.
   Status synchronise();
@@ -107,7 +109,8 @@ class Trainer {
   double seconds_before_ = 0;  // spent by the runs that this one goes on from
   LogWriter log_file_;
   HeldOutViews held_out_;
-  int measured_ = 0;  // measures that were due so far
+  double densified_ = 0;  // share of the run at which it was due last, or which a resumed run began
+  int measured_ = 0;      // measures that were due so far
   std::optional<HeldOutScore> score_;
 };
 

@@ -10,43 +10,69 @@
 #include "stgs/encoder/windows.h"
 #include "stgs/format/math/sh.h"
 #include "train/checkpoint.h"
+#include "train/densify_plan.h"
 
 namespace stgs::encoder {
 namespace {
 
-// Hyper-parameters that nothing asks for with a part of the method, or without it.
+struct Choice {
+  const TrainSettings& settings;
+  const HyperParameters& parameters;
+  const Ablation& ablation;
+};
+
+// Hyper-parameters that nothing asks for in some runs. test_train_settings finds what is missing.
 struct Idle {
-  bool Ablation::*part;
-  bool idle_with;  // the part; else without
-  const char* ablation;
+  const char* where;
+  bool (*holds)(const Choice&);
   std::initializer_list<const char*> parameters;
 };
 
 const Idle kIdle[] = {
-    {&Ablation::densification,
-     true,
-     "densification",
+    {"without --ablate densification",
+     [](const Choice& c) { return c.ablation.densification; },
      {"plain_until", "plain_prune", "plain_reset"}},
-    {&Ablation::densification,
-     false,
-     "densification",
+    {"with --ablate densification",
+     [](const Choice& c) { return !c.ablation.densification; },
      {"densify_until", "growth_limit", "opacity_resets", "prune_opacity", "replace_limit",
-      "score_error", "score_opacity", "score_lifespan"}},
-    {&Ablation::lifespan, false, "lifespan", {"lr_radius", "initial_radius"}},
-    {&Ablation::representation,
-     false,
-     "representation",
-     {"lr_velocity", "lr_velocity_final", "velocity_shrink", "still_from", "still_least"}}};
+      "score_error", "score_opacity", "score_lifespan", "split_gradient"}},
+    {"with --ablate initialisation",
+     [](const Choice& c) { return !c.ablation.initialisation; },
+     {"initial_opacity_dynamic", "sigma_dynamic", "velocity_times_f"}},
+    {"with --ablate representation",
+     [](const Choice& c) { return !c.ablation.representation; },
+     {"initial_radius", "lr_radius", "lr_velocity", "lr_velocity_final", "normal_from",
+      "still_from", "still_least", "velocity_shrink", "velocity_times_f", "weight_normal"}},
+    {"with --ablate lifespan",
+     [](const Choice& c) { return !c.ablation.lifespan; },
+     {"initial_radius", "lr_radius"}},
+    {"with --ablate modulation",
+     [](const Choice& c) { return !c.ablation.modulation; },
+     {"velocity_times_f"}},
+    {"where weight_normal is 0",
+     [](const Choice& c) { return c.parameters.weight_normal == 0; },
+     {"normal_from"}},
+    {"without --perceptual-weights",
+     [](const Choice& c) { return c.settings.perceptual_weights.empty(); },
+     {"perceptual_from", "perceptual_patch", "weight_perceptual"}},
+    {"where weight_perceptual is 0",
+     [](const Choice& c) { return c.parameters.weight_perceptual == 0; },
+     {"perceptual_from", "perceptual_patch"}},
+    {"where sh_degree is 0",
+     [](const Choice& c) { return c.parameters.sh_degree == 0; },
+     {"lr_sh_rest", "sh_step"}},
+    {"where one process trains",
+     [](const Choice& c) { return c.settings.ranks == nullptr || c.settings.ranks->size() == 1; },
+     {"batch_memory", "batch_rate"}}};
 
 // That each override is of something that is used.
-Status check_used(const TrainSettings& settings, const Ablation& ablation) {
-  for (const auto& [name, value] : settings.overrides) {
+Status check_used(const Choice& choice) {
+  for (const auto& [name, value] : choice.settings.overrides) {
     for (const Idle& idle : kIdle) {
       const bool listed =
           std::find(idle.parameters.begin(), idle.parameters.end(), name) != idle.parameters.end();
-      if (!listed || ablation.*idle.part != idle.idle_with) continue;
-      return usage_error("--set {}={} has no effect {} --ablate {}; leave it out", name, value,
-                         idle.idle_with ? "without" : "with", idle.ablation);
+      if (!listed || !idle.holds(choice)) continue;
+      return usage_error("--set {}={} has no effect {}; leave it out", name, value, idle.where);
     }
   }
   return {};
@@ -63,8 +89,13 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
     STGS_TRY(set_hyper_parameter(choice.parameters, name, value));
   }
   STGS_TRY(check_hyper_parameters(choice.parameters));
+  if (std::none_of(settings.overrides.begin(), settings.overrides.end(),
+                   [](const auto& set) { return set.first == "densify_interval"; })) {
+    HyperParameters& p = choice.parameters;
+    p.densify_interval = std::min(p.densify_interval, longest_interval(p.iterations));
+  }
   STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
-  STGS_TRY(check_used(settings, choice.ablation));
+  STGS_TRY(check_used({settings, choice.parameters, choice.ablation}));
   return choice;
 }
 
