@@ -64,12 +64,12 @@ class Packing(CliTest):
     def test_pack_to_a_rate_and_an_error(self):
         tiny = self.fixture("tiny.stgs")
         free = self.json_of("pack", tiny, "-o", "free.stgs")
-        self.assertEqual(free["quality"], 85)
+        self.assertEqual(free["quality"], 87)
         self.assertEqual(free["held_out"], {"before": None, "after": None})
         report = self.json_of("pack", tiny, "-o", "o.stgs", "--target-kbps",
                               str(0.9 * free["kbps"]), "--max-error", "2")
         self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
-        self.assertLess(report["quality"], 85)
+        self.assertLess(report["quality"], 87)
         self.assertLessEqual(report["errors"]["position_max"], 0.002)
         self.fails(USAGE, "kbit/s is too little", "pack", tiny, "-o", "none.stgs",
                    "--target-kbps", "0.1")

@@ -16,7 +16,7 @@ namespace stgs::encoder {
 
 struct PackSettings {
   Profile profile = Profile::kQuantised;  // or kDraco; a build without libdraco answers kNotBuilt
-  double quality = 85;                    // 0..100; not looked at where there is a target_kbps
+  double quality = 87;                    // 0..100; not looked at where there is a target_kbps
   double target_kbps = 0;  // mean bit rate not to be passed, thousands of bits a second; 0: none
   // How far a primitive may come to lie from where it was at any moment at which it is seen, in
   // thousandths of a scene unit (millimetres, where that is a metre); 0: as quality has it.

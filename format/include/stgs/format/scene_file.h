@@ -233,7 +233,7 @@ enum class SceneCoder {
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // the timeline's chunk C; 0: chosen for the lifespans of the scene
-  double quality = 85;       // 0..100, not of the lossless profile
+  double quality = 87;       // 0..100, not of the lossless profile
   // Not of the lossless profile: how far a primitive may come to lie from where it was, scene
   // units, at any moment at which it is seen; 0: as far as quality has it.
   double max_error = 0;
