@@ -202,6 +202,8 @@ struct FileHead {
   std::uint64_t head_checksum = 0;
   std::vector<PrivateName> private_names;
   std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
+  std::vector<LostStretch> lost;         // the same
+  std::uint32_t unreached_frames = 0;    // of a fragment behind the last complete one
 
   // Whether a record is there (spec 2.6), if it is one.
   bool has(const IndexEntry& entry) const {

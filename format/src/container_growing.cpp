@@ -21,6 +21,7 @@ struct Fragment {
   std::uint64_t end = 0;
   FragmentHeader header;
   std::vector<std::uint8_t> payload;
+  bool after_damage = false;  // that which it names as `previous` is damaged
 };
 using Found = std::optional<Fragment>;
 
@@ -45,6 +46,9 @@ class Fragments {
     if (found) return found;
     return last_before(source_.size());
   }
+
+  // Of the right ones that last() found not to be sound, the most frames.
+  std::uint32_t unreached_frames() const { return unreached_frames_; }
 
   // That of record `offset`, if its bytes are right; it ends at `end` or earlier.
   Result<Found> at(std::uint64_t offset, std::uint64_t end) {
@@ -140,6 +144,7 @@ class Fragments {
     STGS_ASSIGN(Found found, at(offset, end));
     if (!found) return found;
     STGS_ASSIGN(const bool reached, is_reached(*found));
+    if (!reached) unreached_frames_ = std::max(unreached_frames_, found->header.frames);
     return reached ? std::move(found) : Found();
   }
 
@@ -164,6 +169,7 @@ class Fragments {
 
   const ByteSource& source_;
   std::uint64_t body_at_ = 0, head_checksum_ = 0, limit_ = 0;
+  std::uint32_t unreached_frames_ = 0;
   std::uint64_t work_ = 0;  // bytes that may still be read for what may be none
 };
 
@@ -184,6 +190,7 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
     if (found.ok() && !*found) {
       findings.damage(N::kFragment, previous,
                       "a fragment of the index is damaged; what it alone lists is lost");
+      chain.back().after_damage = true;
       found = fragments.last_before(previous);
     }
     if (!found.ok()) {
@@ -201,6 +208,27 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
   }
   std::reverse(chain.begin(), chain.end());
   return true;
+}
+
+// What lies between a fragment and the one that the index goes on with before it, null: none. The
+// parts from `first_part` and the segments from `first_segment` on are those that it lists.
+LostStretch lost_between(const Fragment* before, const Fragment& fragment, const FileHead& head,
+                         std::size_t first_part, std::size_t first_segment) {
+  LostStretch lost;
+  lost.moments = {before != nullptr ? before->header.frames : 0.0,
+                  static_cast<double>(fragment.header.frames)};
+  for (std::size_t p = first_part; p < head.parts.size(); ++p) {
+    const PartEntry& part = head.parts[p];
+    lost.moments.end = std::min(lost.moments.end, part.cut ? part.cut->begin : part.begin);
+  }
+  lost.moments.end = std::max(lost.moments.begin, lost.moments.end);
+  std::uint64_t end = fragment.offset;
+  for (std::size_t s = first_segment; s < head.index.segments.size(); ++s) {
+    end = std::min(end, head.index.segments[s].base.offset);
+  }
+  lost.offset = before != nullptr ? before->end : head.header.head_bytes;
+  lost.bytes = end - lost.offset;
+  return lost;
 }
 
 // The last fragment's.
@@ -257,6 +285,8 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
     findings.failed_read(body_at, last.status());
     return false;
   }
+  const std::uint32_t complete = *last ? (*last)->header.frames : 0;
+  if (fragments.unreached_frames() > complete) head.unreached_frames = fragments.unreached_frames();
   if (!*last) {  // nothing is complete yet
     head.index_bytes = body_at;
     head.header.file_bytes = body_at;
@@ -276,11 +306,13 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
   std::vector<Fragment> chain;
   if (!chain_of(fragments, std::move(**last), head, chain, findings)) return false;
   head.index_bytes = body_at;
-  for (const Fragment& fragment : chain) {
+  for (std::size_t i = 0; i < chain.size(); ++i) {
+    const Fragment& fragment = chain[i];
+    const std::size_t parts = head.parts.size(), segments = head.index.segments.size();
     head.index_bytes += fragment.end - fragment.offset;
     head.fragments.push_back({fragment.offset, fragment.end - fragment.offset, head.parts.size(),
                               head.index.attributes});
-    const bool is_last = &fragment == &chain.back();
+    const bool is_last = i + 1 == chain.size();
     if (!check_fragment_flags(fragment.header.flags, is_last, fragment.offset, findings)) {
       return false;
     }
@@ -291,6 +323,9 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
                      fragment.offset + kRecordHeaderBytes + kFixedBytes, area, head, findings)) {
       return false;
     }
+    if (!fragment.after_damage) continue;
+    head.lost.push_back(
+        lost_between(i > 0 ? &chain[i - 1] : nullptr, fragment, head, parts, segments));
   }
   check_index(head, chain.back().offset, head.limits, findings);
   return true;

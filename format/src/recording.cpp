@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "lost_records.h"
+
 namespace stgs {
 namespace {
 
@@ -31,6 +33,34 @@ bool last_stretch_is_whole(const ByteSource& source, const FileHead& head) {
     }
   }
   return found.ok();
+}
+
+// Counts the segments of the last part as lost where they all are; else false.
+Result<bool> lose_last_stretch(const ByteSource& source, const FileHead& head,
+                               SceneLosses& losses) {
+  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
+  SceneLosses lost;
+  std::vector<std::uint8_t> bytes;
+  for (const SegmentEntry& segment : head.index.segments) {
+    if (segment.part != last) continue;
+    Findings found;
+    if (copy_record(source, segment.base, bytes, found)) return false;
+    const Status status = found.status(source.name());
+    if (status.code() != StatusCode::kInvalidFile) return status;
+    const Interval shown = shown_of(head, segment);
+    ++lost.segments;
+    lost.primitives += segment.base.primitives;
+    count_lost(lost, {shown.begin, shown.end}, segment.base.bytes + segment.harmonics.bytes,
+               status);
+  }
+  if (lost.segments == 0) return false;
+  lost.damage = std::move(losses.damage);
+  lost.lost_stretches = std::move(losses.lost_stretches);
+  lost.incomplete_bytes = losses.incomplete_bytes;
+  lost.unreached_frames = losses.unreached_frames;
+  lost.of_segments = losses.of_segments;
+  losses = std::move(lost);
+  return true;
 }
 
 // The first bytes of a source.
@@ -131,7 +161,7 @@ Result<FileHead> read_resumable(const ByteSource& source) {
   }
 }
 
-Result<FileHead> read_recording(const ByteSource& source) {
+Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses) {
   Findings findings;
   FileHead head;
   read_head(source, {}, head, findings);
@@ -139,7 +169,15 @@ Result<FileHead> read_recording(const ByteSource& source) {
   if (!head.growing()) {
     return usage_error("{}: has its index in the head already", source.name());
   }
-  if (head.closed || head.parts.size() < 2 || last_stretch_is_whole(source, head)) return head;
+  losses = {};
+  losses.damage = findings.take();
+  losses.lost_stretches = head.lost;
+  losses.incomplete_bytes = source.size() - head.header.file_bytes;
+  losses.unreached_frames = head.unreached_frames;
+  losses.of_segments = head.index.segments.size();
+  if (head.closed || head.parts.size() < 2) return head;
+  STGS_ASSIGN(const bool lost, lose_last_stretch(source, head, losses));
+  if (!lost) return head;
   const Beginning beginning(source, head.fragments.back().offset);
   FileHead before;
   read_head(beginning, {}, before, findings);

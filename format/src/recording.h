@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "container.h"
+#include "stgs/format/scene_losses.h"
 
 namespace stgs {
 
@@ -29,8 +30,9 @@ bool copy_record(const ByteSource& source, const IndexEntry& entry,
 // What is complete of a recording that is to be gone on with: kUsage where it is finished,
 // kInvalidFile where its index is damaged, kUnsupported where another program laid it out.
 Result<FileHead> read_resumable(const ByteSource& source);
-// What is complete of a recording, without a last fragment whose records did not reach the disk;
-// kUsage where the file is no recording.
-Result<FileHead> read_recording(const ByteSource& source);
+// What is complete of a recording, without a last fragment none of whose records reached the disk;
+// `losses` receives what opening it finds, and that fragment's segments. kUsage where the file is
+// no recording.
+Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses);
 
 }  // namespace stgs

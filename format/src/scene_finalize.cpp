@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording as a file with its index in the head: all of its records but those of the index are
-// copied as they are, those that this version does not know too.
+// copied as they are, those that this version does not know, or that are damaged, too.
 #include <algorithm>
 #include <exception>
+#include <set>
 
 #include "bytes.h"
+#include "lost_records.h"
 #include "recording.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/scene_recorder.h"
@@ -19,14 +21,17 @@ constexpr std::uint64_t kPiece = 1 << 20;               // of what is copied at 
 struct IndexedRecord {
   IndexEntry entry;
   std::uint32_t part = 0;
+  const SegmentEntry* segment = nullptr;  // null: a further record
 };
 std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
   std::vector<IndexedRecord> out;
   for (const SegmentEntry& segment : index.segments) {
-    out.push_back({segment.base, segment.part});
-    if (segment.harmonics.bytes > 0) out.push_back({segment.harmonics, segment.part});
+    out.push_back({segment.base, segment.part, &segment});
+    if (segment.harmonics.bytes > 0) out.push_back({segment.harmonics, segment.part, &segment});
   }
-  for (const FurtherEntry& further : index.further) out.push_back({further.entry, further.part});
+  for (const FurtherEntry& further : index.further) {
+    out.push_back({further.entry, further.part, nullptr});
+  }
   std::sort(out.begin(), out.end(), [](const IndexedRecord& a, const IndexedRecord& b) {
     return a.entry.offset < b.entry.offset;
   });
@@ -36,8 +41,8 @@ std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
 // Copies the records of a recording to a file.
 class Finalizer {
  public:
-  Finalizer(const ByteSource& source, FileHead& head)
-      : source_(source), head_(head), records_(indexed_records(head.index)) {}
+  Finalizer(const ByteSource& source, FileHead& head, SceneLosses& losses)
+      : source_(source), head_(head), losses_(losses), records_(indexed_records(head.index)) {}
 
   Status write(const std::string& output) {
     STGS_TRY(plan());
@@ -56,6 +61,10 @@ class Finalizer {
     STGS_TRY(file.write(records));
     STGS_TRY(file.write(index));
     STGS_TRY(write_body(file));
+    if (head_.index.primitives > 0 && lost_primitives_ == head_.index.primitives) {
+      return losses_.reason;
+    }
+    join_moments(losses_);
     return file.commit();
   }
 
@@ -82,7 +91,10 @@ class Finalizer {
       STGS_TRY(source_.read(at, bytes));
       Findings damaged;
       RecordHeader record;
-      if (!parse_record_header(bytes, at, end, record, damaged)) break;
+      if (!parse_record_header(bytes, at, end, record, damaged)) {
+        tell_left_out(record, at, end, damaged);
+        break;
+      }
       const std::uint64_t size = kRecordHeaderBytes + record.length;
       if ((record.flags & kCritical) == 0) {
         others_.push_back({at, at + size});
@@ -92,6 +104,16 @@ class Finalizer {
     }
     body_bytes_ += found;
     return found;
+  }
+
+  // A damaged header, unless it is a fragment's that nothing follows.
+  void tell_left_out(const RecordHeader& record, std::uint64_t at, std::uint64_t end,
+                     Findings& damaged) {
+    if (record.tag == kFragmentTag && record.length == end - at - kRecordHeaderBytes) return;
+    for (Issue& issue : damaged.take()) {
+      issue.message += fmt::format("; it and what follows up to byte {} is left out", end);
+      losses_.damage.push_back(std::move(issue));
+    }
   }
 
   // All records of the head, META with the last fragment's frames and bounds.
@@ -124,21 +146,49 @@ class Finalizer {
     return out;
   }
 
-  Status write_body(OutputFile& file) const {
+  Status write_body(OutputFile& file) {
     std::vector<std::uint8_t> bytes;
-    Findings findings;
     auto other = others_.begin();
     for (const IndexedRecord& record : records_) {
       for (; other != others_.end() && other->begin < record.entry.offset; ++other) {
         STGS_TRY(copy(*other, bytes, file));
       }
+      Findings findings;
       if (!copy_record(source_, record.entry, bytes, findings)) {
-        return findings.status(source_.name());
+        const Status status = findings.status(source_.name());
+        if (status.code() != StatusCode::kInvalidFile) return status;
+        count(record, status);
       }
       STGS_TRY(file.write(bytes));
     }
     for (; other != others_.end(); ++other) STGS_TRY(copy(*other, bytes, file));
     return {};
+  }
+
+  // A damaged record: readers show what the others hold.
+  void count(const IndexedRecord& record, const Status& status) {
+    if (record.segment == nullptr) {
+      ++losses_.further;
+      const Interval interval = interval_of(head_, record.entry, record.part);
+      const double begin = head_.parts[record.part].begin;
+      return count_lost(losses_, {begin + interval.begin, begin + interval.end}, record.entry.bytes,
+                        status);
+    }
+    const SegmentEntry& segment = *record.segment;
+    const Interval shown = shown_of(head_, segment);
+    std::uint64_t bytes = record.entry.bytes;
+    if (record.entry.offset == segment.base.offset) {
+      lost_bases_.insert(record.segment);
+      ++losses_.segments;
+      lost_primitives_ += segment.base.primitives;
+      losses_.primitives += segment.base.primitives;
+      bytes += segment.harmonics.bytes;  // which are nothing without it
+    } else if (lost_bases_.count(record.segment) == 0) {
+      ++losses_.harmonics;
+    } else {
+      return;
+    }
+    count_lost(losses_, {shown.begin, shown.end}, bytes, status);
   }
 
   Status copy(const RecordArea& area, std::vector<std::uint8_t>& bytes, OutputFile& file) const {
@@ -152,6 +202,9 @@ class Finalizer {
 
   const ByteSource& source_;
   FileHead& head_;
+  SceneLosses& losses_;
+  std::set<const SegmentEntry*> lost_bases_;
+  std::uint64_t lost_primitives_ = 0;
   std::vector<IndexedRecord> records_;
   std::vector<RecordArea> others_;  // between and behind them
   std::uint64_t body_bytes_ = 0;
@@ -159,10 +212,11 @@ class Finalizer {
 
 }  // namespace
 
-Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output) {
+Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
+                      SceneLosses& losses) {
   try {
-    STGS_ASSIGN(FileHead head, read_recording(*recording));
-    return Finalizer(*recording, head).write(output);
+    STGS_ASSIGN(FileHead head, read_recording(*recording, losses));
+    return Finalizer(*recording, head, losses).write(output);
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", recording->name(), e.what());
   }

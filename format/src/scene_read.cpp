@@ -5,7 +5,6 @@
 #include <exception>
 
 #include "segment.h"
-#include "stgs/format/parallel.h"
 #include "values.h"
 
 namespace stgs {
@@ -62,12 +61,15 @@ class Reader final : public SceneReader {
     return head_.growing() ? source_->size() - head_.header.file_bytes : 0;
   }
 
+  std::uint32_t unreached_frames() const override { return head_.unreached_frames; }
   const std::vector<Issue>& damage() const override { return damage_; }
   std::uint64_t missing_bytes() const override {
     return head_.header.file_bytes - std::min(head_.there, head_.header.file_bytes);
   }
+  const std::vector<LostStretch>& lost_stretches() const override { return head_.lost; }
   double complete_ticks() const override {
     double ticks = metadata().frames;
+    for (const LostStretch& lost : head_.lost) ticks = std::min(ticks, lost.moments.begin);
     for (const SegmentInfo& segment : segments_) {
       const bool whole = segment.there && segment.harmonics_there;
       if (segment.shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
@@ -229,62 +231,6 @@ class Reader final : public SceneReader {
   std::vector<ScenePart> parts_;
 };
 
-// Copies `part` into `whole` from primitive `first` on.
-void place_part(const Gaussians4D& part, std::size_t first, Gaussians4D& whole) {
-  const auto copy = [first](const FloatArray& from, FloatArray& to, std::size_t components) {
-    std::copy(from.begin(), from.end(),
-              to.begin() + static_cast<std::ptrdiff_t>(first * components));
-  };
-  copy(part.position, whole.position, 3);
-  copy(part.log_scale, whole.log_scale, 3);
-  copy(part.rotation, whole.rotation, 4);
-  copy(part.opacity_logit, whole.opacity_logit, 1);
-  copy(part.sh, whole.sh, 3 * static_cast<std::size_t>(part.sh_coefficients()));
-  copy(part.time, whole.time, 1);
-  copy(part.velocity, whole.velocity, 3);
-  copy(part.sigma, whole.sigma, 1);
-  copy(part.radius, whole.radius, 1);
-}
-
-// The segments from `begin` on that decoding at once takes less than the limit for, at least one:
-// their bytes, their floats, and planes of no more bytes than these (spec 7.3).
-std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
-  const std::vector<SegmentInfo>& segments = reader.segments();
-  std::uint64_t left = max_memory;
-  std::size_t end = begin;
-  for (; end < segments.size(); ++end) {
-    const std::uint64_t need =
-        segments[end].bytes + segments[end].harmonics_bytes +
-        8 * floats_per_primitive(reader.sh_degree()) * std::uint64_t{segments[end].primitives};
-    if (need > left && end > begin) break;
-    left -= std::min(left, need);
-  }
-  return end;
-}
-
-Status read_all(const SceneReader& reader, std::uint64_t max_memory, Gaussians4D& whole) {
-  const std::size_t count = reader.segments().size();
-  std::vector<std::size_t> first(count);
-  std::size_t total = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    first[i] = total;
-    total += reader.segments()[i].primitives;
-  }
-  whole.sh_degree = reader.sh_degree();
-  whole.resize(total);
-  std::vector<Status> statuses(count);
-  for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
-    end = end_of_batch(reader, begin, max_memory);
-    parallel_for(begin, end, [&](std::size_t i) {
-      Result<Gaussians4D> part = reader.decode(static_cast<std::uint32_t>(i));
-      statuses[i] = part.status();
-      if (part.ok()) place_part(*part, first[i], whole);
-    });
-  }
-  for (Status& status : statuses) STGS_TRY(std::move(status));
-  return {};
-}
-
 }  // namespace
 
 math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
@@ -351,34 +297,6 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(const std::string& path,
                                                        const ReadLimits& limits) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
   return open(std::move(source), limits);
-}
-
-Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  return read_scene(std::move(source), limits);
-}
-
-Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits) {
-  const std::string path = source->name();
-  STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
-              SceneReader::open(std::move(source), limits));
-  const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
-  if (bytes > limits.max_memory) {
-    return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", path,
-                       reader->primitives(), bytes, limits.max_memory);
-  }
-  try {
-    Scene scene;
-    scene.metadata = reader->metadata();
-    const ScenePart whole = {
-        0, static_cast<double>(scene.metadata.frames), reader->primitives(), {}};
-    if (reader->parts() != std::vector<ScenePart>{whole}) scene.parts = reader->parts();
-    STGS_TRY(read_all(*reader, limits.max_memory, scene.gaussians));
-    STGS_ASSIGN(scene.importance, reader->importance());
-    return scene;
-  } catch (const std::exception& e) {
-    return runtime_error("{}: {}", path, e.what());
-  }
 }
 
 }  // namespace stgs

@@ -103,14 +103,26 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
   }
 }
 
+// What the last complete fragment says.
+std::uint32_t shown_frames(const FileHead& head) {
+  return head.fragments.empty() ? 0 : head.metadata.scene.frames;
+}
+
 // What follows the last complete fragment of a growing file: records that are whole, and one that
 // is being written or was cut off.
 void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t from,
                Findings& findings) {
   const std::uint64_t size = source.size();
   if (from >= size) return;
-  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment",
-                   size - from);
+  const std::string hidden =
+      head.unreached_frames > 0
+          ? fmt::format(
+                "; a fragment among them, of {} frames in all, is not used, since a record "
+                "that leads to it is damaged: what it lists beyond frame {} is not shown",
+                head.unreached_frames, shown_frames(head))
+          : "";
+  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment{}",
+                   size - from, hidden);
   for (std::uint64_t at = from; size - at >= kRecordHeaderBytes;) {
     std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     if (Status status = source.read(at, bytes); !status.ok()) {

@@ -66,6 +66,12 @@ class SegmentTimeline final : public Timeline {
       const ScenePart& part = reader_->parts()[reader_->segments()[s].part];
       needed.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
     }
+    if (is_lost(ticks) && (needed.empty() || damaged_ == Damaged::kRefuse)) {
+      return invalid_file(
+          "nothing of what is alive at {:.6g} s can be read: the fragment of the index that lists "
+          "it is damaged",
+          seconds);
+    }
     if (needed.empty() && !all.empty()) {
       const Status& reason = losses_[lost_.at(all.front())].reason;
       return Status(reason.code(),
@@ -110,6 +116,16 @@ class SegmentTimeline final : public Timeline {
   }
 
  private:
+  // Whether a damaged fragment of the index listed what is first seen around this moment.
+  bool is_lost(double ticks) const {
+    const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
+    const std::vector<LostStretch>& lost = reader_->lost_stretches();
+    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostStretch& stretch) {
+      const auto [begin, end] = stretch.moments;
+      return begin <= at && (at < end || (begin < end && end >= frames));
+    });
+  }
+
   std::uint64_t bytes_of(std::uint32_t segment) const {
     if (!reader_->segments()[segment].there) return 0;
     return held_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());

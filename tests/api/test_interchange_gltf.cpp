@@ -123,7 +123,7 @@ TEST_CASE("what was written is known again by its content") {
   Gaussians4D set = testing::random_scene(5, 0, 6, 8).gaussians;
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write == nullptr) continue;
-    const auto bytes = format.write(set);
+    const auto bytes = format.write(set, nullptr);
     REQUIRE(bytes.ok());
     for (const InterchangeFormat& other : interchange_formats()) {
       CHECK(other.holds("x", *bytes) == (&other == &format));
@@ -202,9 +202,9 @@ TEST_CASE("a set that cannot be drawn is not written") {
   bad[4].sh_degree = 2;
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write == nullptr) continue;
-    CHECK(format.write(good).ok());
+    CHECK(format.write(good, nullptr).ok());
     for (const Gaussians4D& set : bad) {
-      CHECK(format.write(set).status().code() == StatusCode::kUsage);
+      CHECK(format.write(set, nullptr).status().code() == StatusCode::kUsage);
     }
   }
 }

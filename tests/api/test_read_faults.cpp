@@ -124,7 +124,8 @@ TEST_CASE("finalize makes no file of a source that fails") {
     INFO(name);
     const Bytes bytes = vector_named(name);
     const int needed = reads_needed([&](int reads) {
-      const Status status = finalize_scene(failing(bytes, reads), output);
+      SceneLosses losses;
+      const Status status = finalize_scene(failing(bytes, reads), output, losses);
       CHECK(fs::exists(output) == status.ok());
       return status;
     });

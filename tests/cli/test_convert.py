@@ -54,7 +54,7 @@ class Converting(CliTest):
         error = result.stderr.decode()
         for part in ("stgs: warning: ", "without motion and lifespans", "not seen at that moment",
                      "SPZ cannot hold the start camera, the title",
-                     "SPZ rounds: positions by up to "):
+                     "SPZ rounds or clips: positions by up to "):
             self.assertIn(part, error)
         self.assertRegex(result.stdout.decode(), r"errors: position \S+ at most")
         quiet = self.succeeds("convert", "a.spz", "b.ply")

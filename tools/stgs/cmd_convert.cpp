@@ -7,6 +7,7 @@
 
 #include "command.h"
 #include "import_options.h"
+#include "losses.h"
 #include "options.h"
 #include "output_place.h"
 #include "stgs/format/output_file.h"
@@ -25,6 +26,8 @@ struct Conversion {
   std::optional<double> seconds;  // the moment that is kept; none where all are
   ImportReport found;             // its notes go on with what is lost after reading
   std::optional<ConversionErrors> errors;
+  SceneLosses losses;               // of a damaged .stgs file
+  std::vector<std::string> extras;  // that such a file holds beside its scene
 };
 
 const char* name_of(const InterchangeFormat* format) {
@@ -102,7 +105,8 @@ class Convert final : public Command {
             "that stay or move straight over frames become one primitive. Writes, by the name's\n"
             "ending, .stgs, and of one moment .ply, .spz (version 4) or .glb (glTF with\n"
             "KHR_gaussian_splatting). Axes are turned to those of the target. Reads back what it\n"
-            "wrote and tells the errors; what is lost is told on standard error.",
+            "wrote, but for .glb, which is not read here, and tells the errors; what is lost is\n"
+            "told on standard error.",
             "  stgs convert scene.stgs moment.ply --time 1.5\n"
             "  stgs convert scene.stgs moment.spz --time 1.5\n"
             "  stgs convert splats.ply splats.stgs --quality 85\n"
@@ -127,6 +131,10 @@ class Convert final : public Command {
     Conversion work;
     STGS_TRY(check_places(work));
     STGS_TRY(read(work));
+    tell_losses(session, input_, work.losses, work.scene.metadata.time_base);
+    for (const std::string& extra : work.extras) {
+      session.log(1, fmt::format("{}: is not carried over: {}", input_, extra));
+    }
     STGS_TRY(choose_moment(work));
     STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(work));
     STGS_TRY(read_back(bytes, work));
@@ -163,7 +171,8 @@ class Convert final : public Command {
             "nor a SOG model; name the file or folder that does",
             input_);
       }
-      STGS_ASSIGN(work.scene, read_scene(input_));
+      STGS_ASSIGN(work.scene, read_sound_scene(input_, work.losses));
+      STGS_ASSIGN(work.extras, scene_extras(input_));
     } else {
       STGS_ASSIGN(work.scene,
                   read_interchange(*work.from, input_, import_.settings(), {}, work.found));
@@ -221,6 +230,9 @@ class Convert final : public Command {
     }
     if (!m.title.empty()) lose("the title");
     if (m.metres_per_unit > 0) lose("how many metres a unit is");
+    if (std::any_of(m.up, m.up + 3, [](float v) { return v != 0.0f; })) {
+      lose("what is up and where the floor is");
+    }
     if (!m.sound.empty()) lose("where the sound is");
     if (!lost.empty())
       work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
@@ -228,7 +240,8 @@ class Convert final : public Command {
 
   Result<std::vector<std::uint8_t>> encode(Conversion& work) const {
     if (work.to != nullptr) {
-      Result<std::vector<std::uint8_t>> bytes = work.to->write(work.scene.gaussians);
+      Result<std::vector<std::uint8_t>> bytes =
+          work.to->write(work.scene.gaussians, &work.found.notes);
       if (bytes.ok()) return bytes;
       return Status(bytes.status().code(),
                     fmt::format("{}: {}", output_, bytes.status().message()));
@@ -266,12 +279,14 @@ class Convert final : public Command {
   static void note_rounding(Conversion& work) {
     constexpr double kExact = 1e-4;  // degrees; what is left of comparing quaternions in floats
     const ConversionErrors& e = *work.errors;
-    if (work.to == nullptr || (e.position_max == 0.0 && e.rotation_max < kExact)) return;
+    const bool exact = e.position_max == 0 && e.log_scale_max == 0 && e.rotation_max < kExact &&
+                       e.opacity_max == 0 && e.colour_max == 0 && e.harmonics_max == 0;
+    if (work.to == nullptr || exact) return;
     work.found.notes.push_back(fmt::format(
-        "{} rounds: positions by up to {:.2g}, scales by {:.2g} %, rotations by {:.2g} degrees, "
-        "opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
-        work.to->name, e.position_max, 100.0 * std::expm1(e.log_scale_max), e.rotation_max,
-        e.opacity_max, e.colour_max, e.harmonics_max));
+        "{} rounds or clips: positions by up to {:.2g}, log scales by {:.2g}, rotations by {:.2g} "
+        "degrees, opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
+        work.to->name, e.position_max, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
+        e.harmonics_max));
   }
 
   Status report(Session& session, const Conversion& work, std::uint64_t bytes_out,
@@ -293,6 +308,8 @@ class Convert final : public Command {
                  {"bytes_per_primitive", each},
                  {"errors", work.errors ? to_json(*work.errors) : Json(nullptr)},
                  {"notes", work.found.notes},
+                 {"lost", losses_json(work.losses)},
+                 {"not_carried", work.extras},
                  {"seconds", seconds},
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.found));
@@ -301,7 +318,9 @@ class Convert final : public Command {
                     primitives, name_of(work.from), name_of(work.to), human_bytes(work.bytes_in),
                     human_bytes(bytes_out), each);
     text += import_text(work.found);
-    if (work.errors) text += to_text(*work.errors, work.to == nullptr);
+    text += work.errors
+                ? to_text(*work.errors, work.to == nullptr)
+                : fmt::format("errors: not measured, {} is not read here\n", name_of(work.to));
     return session.emit(json, text);
   }
 

@@ -77,7 +77,8 @@ class Encode final : public Command {
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                       [](const encoder::Camera& camera) { return camera.test; });
     if (held_out) packing.against = prepared;
-    STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink()));
+    STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),
+                           session.log_sink()));
     seconds[2] = lap();
     return report(session, train_report, pack_report, seconds);
   }

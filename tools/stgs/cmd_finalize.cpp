@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "command.h"
+#include "losses.h"
 #include "output_place.h"
 #include "stgs/format/scene_recorder.h"
 
@@ -14,11 +15,12 @@ class Finalize final : public Command {
   Help help() const override {
     return {"finalize", "Give a live recording its index at the front",
             "Copies a file that was recorded live, also one that was cut off, to a file that a\n"
-            "player opens with one read. Every primitive keeps its bytes. What follows the last\n"
-            "complete fragment is left out and told.",
+            "player opens with one read. Every record keeps its bytes, also one that is damaged,\n"
+            "which readers pass over. What is damaged is told on standard error, and what is left\n"
+            "out: what follows the last complete fragment, or only a damaged one lists.",
             "  stgs finalize live.stgs -o scene.stgs"};
   }
-  Shared shared() const override { return {}; }
+  Shared shared() const override { return {.log_level = true}; }
   void declare(CLI::App& app) override {
     app.add_option("FILE", input_, "The recording, a .stgs file")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
@@ -31,8 +33,10 @@ class Finalize final : public Command {
     }
     STGS_ASSIGN(const auto recording, SceneReader::open(input_));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
-    STGS_TRY(finalize_scene(std::move(source), output_));
+    SceneLosses losses;
+    STGS_TRY(finalize_scene(std::move(source), output_, losses));
     STGS_ASSIGN(const auto finished, SceneReader::open(output_));
+    tell_losses(session, input_, losses, finished->metadata().time_base);
     const bool closed = recording->form() == SceneForm::kRecorded;
     const Json json = {{"input", input_},
                        {"output", output_},
@@ -42,15 +46,12 @@ class Finalize final : public Command {
                        {"parts", finished->parts().size()},
                        {"bytes_in", recording->file_bytes() + recording->incomplete_bytes()},
                        {"bytes_out", finished->file_bytes()},
-                       {"incomplete_bytes", recording->incomplete_bytes()}};
+                       {"incomplete_bytes", losses.incomplete_bytes},
+                       {"lost", losses_json(losses)}};
     std::string text = fmt::format("{}: {} frames, {} primitives in {} parts, {}\n", output_,
                                    finished->metadata().frames, finished->primitives(),
                                    finished->parts().size(), human_bytes(finished->file_bytes()));
-    if (!closed) {
-      text += fmt::format(
-          "the recording was not closed; {} bytes after its last complete fragment are left out\n",
-          recording->incomplete_bytes());
-    }
+    if (!closed) text += "the recording was not closed\n";
     return session.emit(json, text);
   }
 

@@ -6,6 +6,7 @@
 #include "camera_file.h"
 #include "command.h"
 #include "place.h"
+#include "printable.h"
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/scene_statistics.h"
@@ -122,6 +123,18 @@ Json damage_json(const SceneReader& reader) {
   return damage;
 }
 
+Json lost_json(const SceneReader& reader) {
+  const TimeBase& base = reader.metadata().time_base;
+  Json stretches = Json::array();
+  for (const LostStretch& lost : reader.lost_stretches()) {
+    stretches.push_back({{"begin_s", base.seconds(lost.moments.begin)},
+                         {"end_s", base.seconds(lost.moments.end)},
+                         {"offset", lost.offset},
+                         {"bytes", lost.bytes}});
+  }
+  return stretches;
+}
+
 bool has_up(const SceneMetadata& metadata) {
   return std::any_of(metadata.up, metadata.up + 3, [](float v) { return v != 0.0f; });
 }
@@ -134,9 +147,11 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"form", form_name(reader.form())},
                {"bytes", reader.file_bytes()},
                {"incomplete_bytes", reader.incomplete_bytes()},
+               {"unreached_s", m.time_base.seconds(reader.unreached_frames())},
                {"missing_bytes", reader.missing_bytes()},
                {"complete_s", m.time_base.seconds(reader.complete_ticks())},
                {"damage", damage_json(reader)},
+               {"lost", lost_json(reader)},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -212,7 +227,7 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                     m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
   }
   if (!m.sound.empty()) {
-    out += fmt::format("  sound            {}, from {:.3f} s on\n", m.sound,
+    out += fmt::format("  sound            {}, from {:.3f} s on\n", one_line(m.sound),
                        m.time_base.seconds(m.sound_begin));
   }
   if (reader.form() != SceneForm::kFinished) {
@@ -223,6 +238,12 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   if (reader.incomplete_bytes() > 0) {
     out += fmt::format("  incomplete       {} bytes after its last complete fragment\n",
                        reader.incomplete_bytes());
+    if (reader.unreached_frames() > 0) {
+      out += fmt::format(
+          "  not shown        up to {:.3f} s is recorded in these bytes; a damaged record keeps a "
+          "fragment of the index among them from being used\n",
+          m.time_base.seconds(reader.unreached_frames()));
+    }
   }
   if (reader.missing_bytes() > 0) {
     std::size_t whole = 0, plain = 0;
@@ -241,6 +262,11 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
     out += fmt::format("  {:<16} byte {}: {}\n", issue.error ? "damaged" : "told", issue.offset,
                        issue.message);
   }
+  for (const LostStretch& lost : reader.lost_stretches()) {
+    out += fmt::format("  lost             from {:.3f} s to {:.3f} s, {} bytes\n",
+                       m.time_base.seconds(lost.moments.begin),
+                       m.time_base.seconds(lost.moments.end), lost.bytes);
+  }
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
   }
@@ -256,8 +282,10 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                          m.time_base.seconds(part.shown().end), part.primitives);
     }
   }
-  if (!m.title.empty()) out += fmt::format("  title            {}\n", m.title);
-  if (!m.generator.empty()) out += fmt::format("  written by       {}\n", m.generator);
+  if (!m.title.empty()) out += fmt::format("  title            {}\n", one_line(m.title));
+  if (!m.generator.empty()) {
+    out += fmt::format("  written by       {}\n", one_line(m.generator));
+  }
   out += fmt::format("  chunk            {:.4g} s, the shortest segment\n",
                      m.time_base.seconds(reader.chunk_ticks()));
   out += to_text(decoder_needs(reader));

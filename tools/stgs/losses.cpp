@@ -36,4 +36,15 @@ Json losses_json(const player::Timeline& timeline) {
   return {{"segments", whole(timeline)}, {"harmonics", without_harmonics(timeline)}};
 }
 
+void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,
+                 const TimeBase& time_base) {
+  for (const std::string& line : losses_text(losses, time_base)) {
+    session.log(1, fmt::format("{}: {}", file, line));
+  }
+}
+
+Json losses_json(const SceneLosses& losses) {
+  return {{"segments", losses.segments}, {"harmonics", losses.harmonics}};
+}
+
 }  // namespace stgs::tools

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is wrong with a file that is drawn all the same.
+// What is wrong with a file that is drawn, or read, all the same.
 #pragma once
 
 #include "session.h"
+#include "stgs/format/scene_losses.h"
 #include "stgs/player/timeline.h"
 
 namespace stgs::tools {
@@ -13,5 +14,10 @@ void tell_damage(Session& session, const player::Timeline& timeline);
 void tell_losses(Session& session, const player::Timeline& timeline);
 // How many of each: {"segments", "harmonics"}.
 Json losses_json(const player::Timeline& timeline);
+
+// Warns of what could not be read of a whole file.
+void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,
+                 const TimeBase& time_base);
+Json losses_json(const SceneLosses& losses);
 
 }  // namespace stgs::tools

@@ -107,6 +107,7 @@ Json to_json(const encoder::PackReport& report) {
           {"parts", parts},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
+          {"lost", {{"segments", report.lost_segments}, {"harmonics", report.lost_harmonics}}},
           {"bytes_per_primitive", report.bytes_per_primitive},
           {"quality", report.quality},
           {"kbps", report.kbps},

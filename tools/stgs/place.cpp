@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "place.h"
 
+#include "losses.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
@@ -23,7 +24,10 @@ Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::str
 
 Result<Scene> read_place(Session& session, const std::string& place) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(session, place));
-  return read_scene(std::move(source));
+  SceneLosses losses;
+  STGS_ASSIGN(Scene scene, read_sound_scene(std::move(source), losses));
+  tell_losses(session, place, losses, scene.metadata.time_base);
+  return scene;
 }
 
 }  // namespace stgs::tools

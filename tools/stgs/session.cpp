@@ -15,6 +15,7 @@
 #include <ctime>
 #include <system_error>
 
+#include "printable.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::tools {
@@ -94,7 +95,7 @@ int Session::conclude(Status status) {
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {
-  const std::string out = this->json() ? json_text(json, 1) + "\n" : text;
+  const std::string out = this->json() ? json_text(json, 1) + "\n" : printable(text);
   errno = 0;
   const bool written = std::fwrite(out.data(), 1, out.size(), stdout) == out.size();
   if (!written || std::fflush(stdout) != 0) {
@@ -104,7 +105,7 @@ Status Session::emit(const Json& json, const std::string& text) const {
 }
 
 void Session::emit_aside(const Json& json, const std::string& text) const {
-  const std::string out = this->json() ? json_text(json, 1) + "\n" : text;
+  const std::string out = this->json() ? json_text(json, 1) + "\n" : printable(text);
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
 
@@ -113,7 +114,8 @@ void Session::log(int level, const std::string& line) {
   if (silent_ || level > level_of(options.log_level)) return;
   const std::lock_guard lock(showing_);
   clear_bar();
-  const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], line);
+  const std::string out =
+      fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], printable(line));
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
 

@@ -50,7 +50,8 @@ class Session {
   int conclude(Status status);
 
   bool json() const { return options.format == "json"; }
-  // Prints the result, as JSON or text, to standard output.
+  // Prints the result, as JSON or text, to standard output. Of text, here and in log(), control
+  // characters are escaped (printable.h).
   Status emit(const Json& json, const std::string& text) const;
   // The same to standard error, for verbs whose standard output carries a picture stream.
   void emit_aside(const Json& json, const std::string& text) const;

@@ -12,6 +12,7 @@
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/output_file.h"
+#include "stgs/format/scene_losses.h"
 
 namespace stgs::encoder {
 namespace {
@@ -60,7 +61,17 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
                            path));
       }
     }
-    STGS_ASSIGN(Scene scene, read_scene(path));
+    SceneLosses losses;
+    STGS_ASSIGN(Scene scene, read_sound_scene(path, losses));
+    for (const std::string& line : losses_text(losses, scene.metadata.time_base)) {
+      if (log) log(1, fmt::format("{}: {}", path, line));
+    }
+    STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path));
+    for (const std::string& extra : extras) {
+      if (log) log(1, fmt::format("{}: is not carried over: {}", path, extra));
+    }
+    report.lost_segments += losses.segments;
+    report.lost_harmonics += losses.harmonics;
     windows.push_back({path, std::move(scene)});
   }
   if (windows.size() == 1) return std::move(windows.front().scene);

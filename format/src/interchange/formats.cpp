@@ -41,8 +41,12 @@ bool holds_gltf(const std::string&, Head head) {
   return starts_with(head, "glTF");
 }
 
-Result<std::vector<std::uint8_t>> write_ply_set(Gaussians4D set) {
+Result<std::vector<std::uint8_t>> write_ply_set(Gaussians4D set, ConversionNotes*) {
   return write_ply(set);
+}
+
+Result<std::vector<std::uint8_t>> write_glb_set(Gaussians4D set, ConversionNotes*) {
+  return write_glb(std::move(set));
 }
 
 Result<Scene> read_sog_models(const std::string& path, const ImportSettings&,
@@ -67,7 +71,7 @@ constexpr std::array kFormats = {
     Format{"SOG", ".sog", holds_sog, nullptr, read_sog_models, nullptr},
     Format{"splatv", ".splatv", holds_splatv, nullptr, read_splatv_clip, nullptr, Format::kSplatv},
     Format{"PLY frames", "", holds_frames, nullptr, read_frames, nullptr, Format::kSequence},
-    Format{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb},
+    Format{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb_set},
 };
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "interchange/import.h"
 #include "interchange/spz.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs {
@@ -92,6 +93,48 @@ void pack(const Gaussians4D& set, std::size_t i, float steps,
   }
 }
 
+// How many values of an attribute lie outside of what a format holds, and by how much at most.
+class Clipped {
+ public:
+  void count(double value, double least, double greatest) {
+    const double beyond = std::max(least - value, value - greatest);
+    ++values_;
+    if (!(beyond > 0)) return;
+    ++clipped_;
+    most_ = std::max(most_, beyond);
+  }
+  void note(const char* what, const char* range, ConversionNotes& notes) const {
+    if (clipped_ == 0) return;
+    notes.push_back(fmt::format("SPZ holds {} {}: {} of {} values are clipped, by up to {:.3g}",
+                                what, range, clipped_, values_, most_));
+  }
+
+ private:
+  std::size_t values_ = 0, clipped_ = 0;
+  double most_ = 0;
+};
+
+// What pack() clips, beyond half a step.
+void note_clipping(const Gaussians4D& set, ConversionNotes& notes) {
+  constexpr double kHalfScale = 0.5 / 16, kHalfColour = 0.5 / 255;
+  const double reach = (0.5 + kHalfColour) * math::kSh00 / spz::kColourScale;
+  const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
+  Clipped scales, colours, harmonics;
+  for (const float v : set.log_scale) {
+    scales.count(v, -10.0 - kHalfScale, 255.0 / 16 - 10 + kHalfScale);
+  }
+  for (std::size_t k = 0; k < set.sh.size(); ++k) {
+    if (k % (3 * coefficients) >= 3) {
+      harmonics.count(set.sh[k], -1.0, 1.0);
+    } else {
+      colours.count(double{math::kSh00} * set.sh[k] + 0.5, 0.5 - reach, 0.5 + reach);
+    }
+  }
+  scales.note("log scales", "from -10 to 5.94", notes);
+  colours.note("colours", "from -0.44 to 1.44", notes);
+  harmonics.note("harmonics", "from -1 to 1", notes);
+}
+
 Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) {
   ByteWriter out;
   out.u32(spz::kMagic);
@@ -108,7 +151,7 @@ Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) 
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set) {
+Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes) {
   STGS_TRY(check_export(set));
   if (set.size() == 0) return unsupported("SPZ has no way to hold 0 primitives");
   if (set.size() > 0x7FFFFFFF) return unsupported("SPZ holds at most 2^31 - 1 primitives");
@@ -116,6 +159,7 @@ Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set) {
   if (fraction_bits < 0) {
     return unsupported("SPZ holds coordinates up to 8388607; there are some beyond");
   }
+  if (notes != nullptr) note_clipping(set, *notes);
   flip_axes(set, 1, -1, -1);
   std::array<Bytes, spz::kArrays> arrays;
   const auto strides = spz::strides(4, set.sh_degree);

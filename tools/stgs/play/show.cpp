@@ -16,6 +16,7 @@
 #include "play/overlay.h"
 #include "play/screen.h"
 #include "play/window.h"
+#include "printable.h"
 
 namespace stgs::tools {
 namespace {
@@ -129,7 +130,7 @@ class Show {
     camera_.emplace(*settings_.camera, scene);
     const Size size = first_size();
     if (!settings_.size) glfwSetWindowSize(window_->handle(), size.width, size.height);
-    if (!scene.title.empty()) glfwSetWindowTitle(window_->handle(), scene.title.c_str());
+    if (!scene.title.empty()) glfwSetWindowTitle(window_->handle(), one_line(scene.title).c_str());
     return {};
   }
 

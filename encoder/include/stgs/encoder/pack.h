@@ -46,6 +46,8 @@ struct PackReport {
   Profile input_profile = Profile::kLossless;
   std::uint64_t primitives = 0;  // written
   std::uint64_t dropped = 0;     // never visible within the clip
+  // Segments of damaged inputs that are left out, and those that lost their harmonics alone.
+  std::uint64_t lost_segments = 0, lost_harmonics = 0;
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
   double quality = 0;             // that it was packed with
@@ -69,7 +71,8 @@ struct PackReport {
 // (atomically), decodes the result and reports its errors; `report` may be null. Stage "pack";
 // where `progress` says to stop, nothing is written (kRuntime). kUsage where nothing is small
 // enough for target_kbps, kUnsupported where positions cannot keep max_error. A scene that is
-// quantised already is packed with a warning: its errors stay, new ones come.
+// quantised already is packed with a warning: its errors stay, new ones come. So is what is sound
+// of a damaged one (scene_losses.h).
 Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
             const LogSink& log = {});

@@ -62,8 +62,10 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits = {},
                        ConversionNotes* notes = nullptr);
 // SPZ version 4, primitives in their order. What it rounds: positions to 2^-12 or what the farthest
 // one allows, log scales to 1/16, opacity and colour to bytes, rotations to 10 bits a component,
-// harmonics to 5 bits (degree 1) and 4 (above) of [-1, 1]. kUnsupported for no primitives at all.
-Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set);
+// harmonics to 5 bits (degree 1) and 4 (above). What it clips, with a note: log scales to
+// [-10, 5.94], colours to [-0.44, 1.44], harmonics to [-1, 1]. kUnsupported for no primitives at
+// all.
+Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes = nullptr);
 
 // Binary glTF (.glb) with KHR_gaussian_splatting, all floats; its axes are x left, y up, z forward.
 // kUnsupported for no primitives, and beyond the 4 GiB of a .glb.

@@ -39,8 +39,9 @@ struct InterchangeFormat {
   // For what is more than one file, or moves; null elsewhere.
   Result<Scene> (*read_path)(const std::string& path, const ImportSettings& settings,
                              const ReadLimits& limits, ImportReport& report);
-  // Null where it is only read. Takes a static set.
-  Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set);
+  // Null where it is only read. Takes a static set; `notes`, which may be null, receives what was
+  // changed beyond the format's precision.
+  Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set, ConversionNotes* notes);
   Takes takes = kNothing;  // which of ImportSettings reading looks at
 };
 

@@ -137,6 +137,15 @@ struct SegmentInfo {
   bool shown() const { return begin_ticks < end_ticks; }
 };
 
+// A stretch of a recording that no fragment of its index lists any more, since the one that did is
+// damaged (spec 5.12).
+struct LostStretch {
+  // At which what it holds is first seen, ticks; begin == end: it is not known up to when.
+  TickRange moments;
+  std::uint64_t offset = 0, bytes = 0;  // in the file
+  bool operator==(const LostStretch&) const = default;
+};
+
 // How a file is laid out (spec 2.4).
 enum class SceneForm {
   kFinished,  // index first
@@ -184,13 +193,18 @@ class SceneReader {
   virtual SceneForm form() const = 0;
   // Bytes of a growing file after its last complete fragment: being written, or cut off.
   virtual std::uint64_t incomplete_bytes() const = 0;
+  // The frames that a fragment among these says there are, to which the records before it do not
+  // lead, since one is damaged (spec 5.12); 0: there is none.
+  virtual std::uint32_t unreached_frames() const = 0;
   // What open() found wrong, or has to tell, and could read past: a file that is truncated, say.
   // Segments that are there can be decoded all the same.
   virtual const std::vector<Issue>& damage() const = 0;
   // Bytes that a finished file has too few.
   virtual std::uint64_t missing_bytes() const = 0;
-  // Where the first segment begins that is not there, or not with its harmonics, ticks; the
-  // duration where all are.
+  // Of a recording, ascending; damage() tells of each.
+  virtual const std::vector<LostStretch>& lost_stretches() const = 0;
+  // Where the first segment begins that is not there, not with its harmonics, or in a lost stretch,
+  // ticks; the duration where all are.
   virtual double complete_ticks() const = 0;
   // Looks whether a growing file has grown; true: there are new segments, after those that there
   // were, and metadata().frames has grown. What metadata(), segments() and parts() gave before is
@@ -250,7 +264,8 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
                                                std::vector<std::uint32_t>* order = nullptr);
 // encode_scene, then write_file_atomically.
 Status write_scene(const std::string& path, const Scene& scene, const WriteSettings& settings);
-// All segments of a file; primitives in file order.
+// All segments of a file, in which no record is damaged; primitives in file order. Of what
+// SceneReader::damage() tells it says nothing: read_sound_scene (scene_losses.h) does.
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits = {});
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "stgs/format/scene_file.h"
+#include "stgs/format/scene_losses.h"
 
 namespace stgs {
 
@@ -56,10 +57,13 @@ class SceneRecorder {
 };
 
 // Copies a recording, whole or cut off anywhere, to a file with its index in the head: every record
-// but those of the index with the same bytes, also what this version does not know. `output`
-// appears whole or not at all. A last fragment whose
-// records did not reach the disk is left out, other damage is an error. A file that is finished
-// already is kUsage.
-Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output);
+// but those of the index with the same bytes, also what this version does not know, and what is
+// damaged: so the file goes on telling it, and readers show the rest. Left out is what no sound
+// fragment lists, and the last stretch of a recording that was not closed where all its records are
+// damaged, as a power cut leaves them. `losses` receives what is damaged or left out. `output`
+// appears whole or not at all. Errors: kUsage where the file is finished already, kInvalidFile
+// where it has primitives and none can be read.
+Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
+                      SceneLosses& losses);
 
 }  // namespace stgs

@@ -70,9 +70,9 @@ class Timeline {
     double ticks = 0;
   };
   // What is alive at `seconds`, which may lie outside the duration. The pointers stay valid until
-  // the next call. Errors: a segment that cannot be read or decoded, with kPassOver only where none
-  // of the moment's can or the source fails; a moment whose segments together exceed the memory
-  // budget (kRuntime).
+  // the next call. Errors: a segment that cannot be read or decoded, or that a damaged index no
+  // longer tells (SceneReader::lost_stretches), with kPassOver only where none of the moment's can
+  // be, or the source fails; a moment whose segments together exceed the memory budget (kRuntime).
   virtual Result<Active> at(double seconds) = 0;
 
   // A segment that may have something alive, for a backend that holds segments by itself.

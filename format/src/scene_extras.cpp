@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a file holds that a Scene does not.
+#include <algorithm>
+#include <exception>
+#include <map>
+#include <mutex>
+#include <set>
+
+#include "bytes.h"
+#include "segment.h"
+#include "stgs/format/parallel.h"
+#include "stgs/format/scene_losses.h"
+
+namespace stgs {
+namespace {
+
+constexpr std::uint64_t kMostName = 256;  // bytes of a name that are looked at
+
+// A name of the file's that stands within a line.
+std::string in_line(std::string name) {
+  std::replace_if(
+      name.begin(), name.end(), [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
+  return name;
+}
+
+std::string private_name(const FileHead& head, PrivateKind kind, int number) {
+  for (const PrivateName& name : head.private_names) {
+    if (name.kind == kind && name.number == number) return " (" + in_line(name.name) + ")";
+  }
+  return "";
+}
+
+// The text at the beginning of `in`, as far as it is there and within kMostName.
+std::string quoted(ByteReader in) {
+  const std::string text = in.string();
+  return in.ok() && !text.empty() ? " '" + in_line(text) + "'" : "";
+}
+
+class Extras {
+ public:
+  Extras(const ByteSource& source, FileHead& head) : source_(source), head_(head) {}
+
+  Result<std::vector<std::string>> find() {
+    STGS_TRY(find_further());
+    STGS_TRY(find_records(kHeaderBytes, head_.header.head_bytes));
+    std::uint64_t at = head_.header.head_bytes;
+    for (const IndexEntry* record : records_of(head_.index.segments)) {
+      STGS_TRY(find_records(at, record->offset));
+      at = record->offset + record->bytes;
+    }
+    STGS_TRY(find_records(at, std::min(head_.header.file_bytes, head_.there)));
+    find_attributes();
+    if (head_.metadata.profile_number >= kFirstPrivate) {
+      lines_.push_back(
+          fmt::format("the private profile {:#x}{}", head_.metadata.profile_number,
+                      private_name(head_, PrivateKind::kProfile, head_.metadata.profile_number)));
+    }
+    for (const auto& [name, total] : found_) {
+      lines_.push_back(fmt::format("{}: {} record(s), {} bytes", name, total.records, total.bytes));
+    }
+    return std::move(lines_);
+  }
+
+ private:
+  static constexpr int kFirstPrivate = 0xC000;
+  struct Total {
+    std::uint64_t records = 0, bytes = 0;
+  };
+
+  void count(const std::string& name, std::uint64_t bytes) {
+    Total& total = found_[name];
+    ++total.records;
+    total.bytes += bytes;
+  }
+
+  // Records of segments that are no primitives (spec 5.13).
+  Status find_further() {
+    for (const FurtherEntry& further : head_.index.further) {
+      const IndexEntry& entry = further.entry;
+      if (!head_.has(entry)) continue;
+      const int content = content_of(entry.layer);
+      constexpr std::uint64_t kBefore = kRecordHeaderBytes + 8 + 2 * 8;
+      std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBefore + kMostName));
+      STGS_TRY(source_.read(entry.offset, bytes));
+      std::string kind;
+      if (content >= kFirstPrivateContent && bytes.size() > kBefore) {
+        kind = quoted(ByteReader(std::span<const std::uint8_t>(bytes).subspan(kBefore)));
+      }
+      count(fmt::format("timed data{} of content {}{}", kind, content,
+                        private_name(head_, PrivateKind::kContent, content)),
+            entry.bytes);
+    }
+    return {};
+  }
+
+  // Records that are not critical, but for those that a Scene has.
+  Status find_records(std::uint64_t at, std::uint64_t end) {
+    while (at < end && end - at >= kRecordHeaderBytes) {
+      std::vector<std::uint8_t> bytes(std::min(end - at, kRecordHeaderBytes + kMostName));
+      STGS_TRY(source_.read(at, bytes));
+      Findings damaged;
+      RecordHeader record;
+      if (!parse_record_header(bytes, at, end, record, damaged)) break;
+      const std::uint64_t size = kRecordHeaderBytes + record.length;
+      const bool ours =
+          record.tag == kWindowTag || record.tag == kPrivateTag || record.tag == kImportanceTag;
+      if ((record.flags & kCritical) == 0 && !ours) {
+        const auto payload = std::span<const std::uint8_t>(bytes).subspan(
+            kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMostName));
+        const bool is_private = (record.tag & 0x20) != 0;  // its first letter is small, spec 3.5
+        count(fmt::format("'{}'{}", tag_text(record.tag),
+                          is_private ? quoted(ByteReader(payload)) : std::string()),
+              size);
+      }
+      at += size;
+    }
+    return {};
+  }
+
+  // Optional and private streams of the layouts (spec 6.5), those of records of their own too.
+  void find_attributes() {
+    std::set<std::uint16_t> found;
+    std::mutex mutex;
+    const auto take = [&found](const LayoutSet& set) {
+      for (const Layout& layout : set.layouts) {
+        for (const StreamRow& row : layout.streams) {
+          if (row.optional()) found.insert(row.attribute);
+        }
+      }
+    };
+    take(head_.layouts);
+    parallel_for(std::size_t{0}, head_.index.segments.size(), [&](std::size_t i) {
+      Findings damaged;
+      SegmentRecords records;
+      read_segment(source_, head_, static_cast<std::uint32_t>(i), true, records, damaged);
+      const std::lock_guard lock(mutex);
+      take(records.base.own);
+      take(records.harmonics.own);
+    });
+    for (const std::uint16_t attribute : found) {
+      lines_.push_back(fmt::format("the attribute {:#x}{} of primitives", attribute,
+                                   private_name(head_, PrivateKind::kAttribute, attribute)));
+    }
+  }
+
+  const ByteSource& source_;
+  FileHead& head_;
+  std::map<std::string, Total> found_;
+  std::vector<std::string> lines_;
+};
+
+}  // namespace
+
+Result<std::vector<std::string>> scene_extras(const std::string& path, const ReadLimits& limits) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  try {
+    Findings findings;
+    FileHead head;
+    read_head(*source, limits, head, findings);
+    if (!findings.ok()) return findings.status(path);
+    return Extras(*source, head).find();
+  } catch (const std::exception& e) {
+    return runtime_error("{}: {}", path, e.what());
+  }
+}
+
+}  // namespace stgs

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a file loses on its way is told: damage, what a target cannot hold, what is passed over."""
+import os
+import struct
+
+import harness
+from harness import CliTest
+
+INVALID = 3
+
+
+def flipped(data, at):
+    return data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1:]
+
+
+def ply(rows, names):
+    header = "".join(f"property float {name}\n" for name in names)
+    body = b"".join(struct.pack(f"<{len(names)}f", *row) for row in rows)
+    return (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{header}"
+            "end_header\n").encode() + body
+
+
+class Told(CliTest):
+    def vector(self, name):
+        return os.path.join(harness.SOURCE, "tests", "conformance", "vectors", name + ".stgs")
+
+    def warnings(self, *args):
+        return [line for line in self.succeeds(*args).stderr.decode().splitlines()
+                if line.startswith("stgs: warning: ")]
+
+    def all_ways(self, scene):
+        """The warnings of what makes another file of a recording, by verb."""
+        return {"finalize": self.warnings("finalize", scene, "-o", "f.stgs"),
+                "convert": self.warnings("convert", scene, "c.stgs"),
+                "pack": self.warnings("pack", scene, "-o", "p.stgs")}
+
+
+class DamagedRecordings(Told):
+    def test_a_lost_stretch(self):
+        """A damaged fragment of the index takes the stretch that it alone lists."""
+        scene = self.vector("fragment_damaged")
+        for verb, lines in self.all_ways(scene).items():
+            text = "\n".join(lines)
+            self.assertIn("a fragment of the index is damaged", text, verb)
+            self.assertRegex(text, r"first seen at 3\.000 to 3\.333 s is lost .*: \d+ bytes", verb)
+        info = self.json_of("info", scene)
+        self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost"]], [(3, 3.333)])
+        self.assertEqual(info["complete_s"], 3)
+        self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"lost +from 3\.000 s to 3\.333 s")
+        self.write("camera.json", '{"width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8,'
+                                  '"rotation": [1,0,0,0,1,0,0,0,1], "translation": [0,0,9]}')
+        look = "--camera", "camera.json", "-o", "out.png"
+        self.fails(INVALID, "nothing of what is alive at 3.1 s can be read", "render", scene,
+                   "--time", "3.1", *look)
+        self.assertFalse(os.path.exists(self.path("out.png")))
+        for moment in ("2.9", "3.4"):
+            self.assertIn("whole up to 3.000 s", self.warnings("render", scene, "--time", moment, *look)[0])
+
+    def test_a_damaged_stretch(self):
+        """A flipped bit costs its record, wherever it is, and is told with seconds and bytes."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            whole = file.read()
+        segments = self.json_of("info", self.fixture("recorded.stgs"))["segments"]
+        for segment in (segments[0], segments[-1]):
+            middle = segment["offset"] + segment["bytes"] // 2
+            scene = self.write("damaged.stgs", flipped(whole, middle))
+            for verb, lines in self.all_ways(scene).items():
+                self.assertEqual(len(lines), 1, (verb, lines))
+                self.assertRegex(lines[0], rf"1 of {len(segments)} segments with "
+                                           rf"{segment['primitives']} primitives; \d+ bytes, of "
+                                           rf"{segment['begin_s']:.3f} to ", verb)
+            finished = self.json_of("finalize", scene, "-o", "f.stgs")
+            self.assertEqual(finished["lost"], {"segments": 1, "harmonics": 0})
+            self.assertEqual(self.json_of("convert", scene, "c.stgs")["lost"], finished["lost"])
+            self.assertEqual(self.json_of("pack", scene, "-o", "p.stgs")["lost"], finished["lost"])
+            self.fails(INVALID, "error", "validate", "f.stgs")  # it goes on telling
+            self.succeeds("validate", "c.stgs", "p.stgs")
+            self.assertEqual(self.json_of("info", "c.stgs")["primitives"], 800 - segment["primitives"])
+
+    def test_an_unclosed_recording(self):
+        """A last stretch of which nothing is sound is left out, and told."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            whole = file.read()
+        closing = whole.rindex(b"FRAG")
+        last = self.json_of("info", self.fixture("recorded.stgs"))["segments"][-1]
+        scene = self.write("open.stgs", flipped(whole[:closing], last["offset"] + last["bytes"] // 2))
+        report = self.json_of("finalize", scene, "-o", "f.stgs")
+        self.assertEqual(report["lost"]["segments"], 1)
+        self.assertEqual((report["frames"], report["primitives"]), (3, 400))
+        lines = self.warnings("finalize", scene, "-o", "f.stgs")
+        self.assertRegex(lines[0], "1 of 2 segments with 400 primitives")
+        self.succeeds("validate", "f.stgs")
+
+    def test_what_is_cut_off_is_told(self):
+        for verb, lines in self.all_ways(self.fixture("cut.stgs")).items():
+            self.assertEqual(len(lines), 1, verb)
+            self.assertIn("1000 bytes after the last complete fragment are left out", lines[0])
+
+    def test_a_hidden_fragment(self):
+        """A fragment to which damage bars the way is not used, and info and validate say so."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            whole = file.read()
+        second = whole.rindex(b"FRAG", 0, whole.rindex(b"FRAG"))
+        scene = self.write("hidden.stgs", flipped(whole, second + 1))
+        info = self.json_of("info", scene)
+        self.assertEqual(info["frames"], 3)
+        self.assertGreater(info["unreached_s"], info["duration_s"])
+        self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"not shown +up to \S+ s is recorded")
+        for verb, lines in self.all_ways(scene).items():
+            self.assertRegex(lines[0], r"are left out: up to \S+ s is recorded in them, but a damaged record", verb)
+        run = self.fails(INVALID, "1 error", "validate", scene)
+        self.assertIn("a fragment among them, of 6 frames in all, is not used", run.stdout.decode())
+
+
+class PassedOver(Told):
+    def test_what_is_beside_the_scene(self):
+        """Timed data, private records and numbers do not go with what is written anew."""
+        expected = {
+            "timed_data_alone": ["timed data 'audio/opus' of content 200 (org.example.sound)"],
+            "private_numbers": ["timed data 'audio/opus' of content 200 (org.example.sound)",
+                                "the private profile 0xc001 (org.example.rig)",
+                                "the attribute 0xc005 (org.example.heat)",
+                                "'liGT' 'org.example.lights'", "'priv' 'org.example.lights'", "'zzzz'"],
+            "optional_stream": ["the attribute 0x8001"],
+            "further_records": ["timed data of content 2:", "timed data of content 191:"],
+        }
+        for name, parts in expected.items():
+            for args in (["convert", self.vector(name), "c.stgs"],
+                         ["convert", self.vector(name), "c.ply", "--time", "0"],
+                         ["pack", self.vector(name), "-o", "p.stgs"]):
+                lines = [line for line in self.warnings(*args) if "is not carried over" in line]
+                self.assertEqual(len(lines), len(parts), (args, lines))
+                for part in parts:
+                    self.assertTrue(any(part in line for line in lines), (part, lines))
+        self.assertEqual(self.json_of("convert", self.fixture("tiny.stgs"), "c.stgs")["not_carried"], [])
+
+    def test_up_and_floor(self):
+        text = "\n".join(self.warnings("convert", self.vector("metres_and_up"), "a.ply", "--time", "0"))
+        self.assertIn("PLY cannot hold how many metres a unit is, what is up and where the floor is", text)
+
+    def test_what_is_not_read_back_is_said(self):
+        run = self.succeeds("convert", self.fixture("tiny.stgs"), "a.glb", "--time", "0.1")
+        self.assertIn("errors: not measured, glTF is not read here", run.stdout.decode())
+
+
+class Clipping(Told):
+    NAMES = ("x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 "
+             "rot_3").split()
+    PLAIN = (0, 0, 0, 0, 0, 0, 3, -2, -2, -2, 1, 0, 0, 0)
+
+    def clipped(self, rows, names):
+        self.write("a.ply", ply(rows, names))
+        return [line for line in self.warnings("convert", "a.ply", "a.spz") if "clipped" in line]
+
+    def test_spz(self):
+        """Positions and rotations are exact here: what is clipped is told all the same."""
+        big = list(self.PLAIN)
+        big[7], big[3] = 20, 50
+        lines = self.clipped([self.PLAIN, big], self.NAMES)
+        self.assertEqual(len(lines), 2)
+        self.assertIn("log scales from -10 to 5.94: 1 of 6 values are clipped, by up to 14", lines[0])
+        self.assertIn("colours from -0.44 to 1.44: 1 of 6 values are clipped, by up to 13.2", lines[1])
+        names = self.NAMES[:6] + [f"f_rest_{i}" for i in range(9)] + self.NAMES[6:]
+        row = self.PLAIN[:6] + (100,) + 8 * (0,) + self.PLAIN[6:]
+        lines = self.clipped([row], names)
+        self.assertEqual(len(lines), 1)
+        self.assertIn("harmonics from -1 to 1: 1 of 9 values are clipped, by up to 99", lines[0])
+        self.assertEqual(self.clipped([self.PLAIN], self.NAMES), [])
+
+
+class Terminals(Told):
+    def test_control_characters_are_escaped(self):
+        """A foreign file's texts cannot steer the terminal; JSON has them as they are."""
+        self.write("a.ply", ply([Clipping.PLAIN], Clipping.NAMES))
+        self.succeeds("convert", "a.ply", "a.stgs")
+        data = self.read("a.stgs")
+        title = "\x1b[31mred\x07\n\u009b2J ü".encode()
+        scene = self.write("b.stgs", self.titled(data, title))
+        shown = self.succeeds("info", scene).stdout
+        self.assertIn(rb"\x1b[31mred\x07\x0a\x9b2J " + "ü".encode(), shown)
+        self.assertFalse([byte for byte in shown if byte < 32 and byte != 10])
+        self.assertEqual(self.json_of("info", scene)["title"], title.decode())
+
+    def titled(self, data, title):
+        import xxhash
+        head_bytes = struct.unpack_from("<Q", data, 24)[0]
+        out, at = b"", 40
+        while at < head_bytes:
+            tag, flags, length = struct.unpack_from("<4sIQ", data, at)
+            payload = data[at + 32:at + 32 + length]
+            if tag == b"META":
+                end = 136 + struct.unpack_from("<I", payload, 132)[0]
+                old = struct.unpack_from("<I", payload, end)[0]
+                payload = (payload[:end] + struct.pack("<I", len(title)) + title +
+                           payload[end + 4 + old:])
+            header = struct.pack("<4sIQQ", tag, flags, len(payload), xxhash.xxh3_64_intdigest(payload))
+            out += header + struct.pack("<Q", xxhash.xxh3_64_intdigest(header)) + payload
+            at += 32 + length
+        body = data[head_bytes:]
+        header = data[:16] + struct.pack("<QQ", 40 + len(out) + len(body), 40 + len(out))
+        return header + struct.pack("<Q", xxhash.xxh3_64_intdigest(header)) + out + body
