@@ -60,8 +60,8 @@ class DamagedSegments(CliTest):
                 data = flipped(data, sum(records[which]) // 2)
         return self.write(f"damaged_{which}_{name}", data)
 
-    def picture(self, scene, name, *more):
-        run = self.stgs("render", scene, "--time", "0.05", "-o", name, "--format", "json", *more)
+    def picture(self, scene, name, time=0.05):
+        run = self.stgs("render", scene, "--time", time, "-o", name, "--format", "json")
         self.assertEqual(run.returncode, 0, run.stderr)
         report = json.loads(run.stdout)
         self.check_schema("render", report)
@@ -115,7 +115,8 @@ class DamagedSegments(CliTest):
         with open(self.fixture("packed.stgs"), "rb") as file:
             data = file.read()
         first = next(self.spans("packed.stgs"))[0]
-        report, warnings = self.picture(self.write("one.stgs", flipped(data, sum(first) // 2)), "one.png")
+        scene = self.write("one.stgs", flipped(data, sum(first) // 2))
+        report, warnings = self.picture(scene, "one.png", 0.15)  # of two segments
         self.assertEqual(report["lost"], {"segments": 1, "harmonics": 0})
         self.assertIn("1 segment(s) could not be drawn", warnings)
 

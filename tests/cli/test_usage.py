@@ -129,7 +129,7 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": drawing | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render", "pack", "convert", "play"},
+            "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play"},
             "--backend": drawing | training,
             "--threads": drawing | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
