@@ -62,9 +62,10 @@ def library(folder, texts, symbol_map):
     write(source, folder, "stub.c")
     write(symbol_map.replace("global:", "global: constant_*;", 1), folder, "stub.map")
     built = os.path.join(folder, "libstgs.so")
-    subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", f"-I{folder}",
-                    os.path.join(folder, "stub.c"), f"-Wl,--version-script={folder}/stub.map",
-                    "-Wl,-soname,libstgs.so.0", "-o", built], check=True)
+    # From within the folder, whose name the baseline would tell else.
+    subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", "-I.", "stub.c",
+                    "-Wl,--version-script=stub.map", "-Wl,-soname,libstgs.so.0", "-o", built],
+                   check=True, cwd=folder)
     return built
 
 
