@@ -13,8 +13,8 @@
 #include <thread>
 
 #include "container.h"
+#include "recording_fixture.h"
 #include "stgs/format/output_file.h"
-#include "stretch_fixture.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -22,64 +22,6 @@ using Bytes = std::vector<std::uint8_t>;
 namespace fs = std::filesystem;
 
 namespace {
-
-// A folder of the test's own, removed with it.
-class Folder {
- public:
-  Folder() {
-    static int count = 0;
-    path_ = fs::temp_directory_path() / fmt::format("stgs-recorder-{}-{}", ::getpid(), count++);
-    fs::create_directories(path_);
-  }
-  ~Folder() { fs::remove_all(path_); }
-  std::string file(const std::string& name) const { return (path_ / name).string(); }
-
- private:
-  fs::path path_;
-};
-
-Bytes bytes_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-}
-
-// Records so many stretches; the sizes of the file before the first and after each.
-std::vector<std::uint64_t> record(const std::string& path, std::uint32_t count, bool close,
-                                  Profile profile = Profile::kLossless,
-                                  std::size_t primitives = 60) {
-  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings(profile));
-  INFO(recorder.status().message());
-  REQUIRE(recorder.ok());
-  std::vector<std::uint64_t> sizes = {(*recorder)->bytes()};
-  for (std::uint32_t i = 0; i < count; ++i) {
-    const Status status = (*recorder)->append(stretch(i, primitives), (i + 1) * kStretchFrames);
-    INFO(status.message());
-    REQUIRE(status.ok());
-    CHECK((*recorder)->frames() == (i + 1) * kStretchFrames);
-    sizes.push_back((*recorder)->bytes());
-    CHECK(fs::file_size(path) == sizes.back());
-  }
-  if (close) {
-    REQUIRE((*recorder)->close().ok());
-    sizes.push_back((*recorder)->bytes());
-  }
-  return sizes;
-}
-
-std::unique_ptr<SceneReader> opened(const std::string& path) {
-  auto reader = SceneReader::open(path);
-  INFO(reader.status().message());
-  REQUIRE(reader.ok());
-  return std::move(*reader);
-}
-
-std::set<int> issues_of(const Bytes& bytes) {
-  const auto issues = validate_scene(*memory_source(bytes));
-  REQUIRE(issues.ok());
-  std::set<int> numbers;
-  for (const Issue& issue : *issues) numbers.insert(issue.number);
-  return numbers;
-}
 
 std::multiset<std::string> prints_of(const SceneReader& reader, std::uint32_t part) {
   std::multiset<std::string> out;
@@ -575,143 +517,6 @@ TEST_CASE("what was appended before a kill can be read and finalized") {
     CHECK(opened(finished)->parts().size() == parts);
     CHECK(issues_of(bytes_of(finished)).empty());
   }
-}
-
-TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
-  const Folder folder;
-  const std::string path = folder.file("torn.stgs"), out = folder.file("out.stgs");
-  record(path, 4, false, Profile::kQuantised);
-  Bytes bytes = bytes_of(path);
-  // What they hold, but neither their headers nor their fragment, as a power cut can leave them.
-  const auto reader = opened(path);
-  std::uint64_t lost_bytes = 0, segments = 0;
-  for (const SegmentInfo& segment : reader->segments()) {
-    if (segment.part != 3) continue;
-    ++segments;
-    lost_bytes += segment.bytes + segment.harmonics_bytes;
-    for (const auto& [at, size] : {std::pair(segment.offset, segment.bytes),
-                                   std::pair(segment.harmonics_offset, segment.harmonics_bytes)}) {
-      if (size == 0) continue;
-      std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at + kRecordHeaderBytes),
-                  size - kRecordHeaderBytes, std::uint8_t{0});
-    }
-  }
-  SceneLosses losses;
-  REQUIRE(finalize_scene(memory_source(bytes, "torn.stgs"), out, losses).ok());
-  CHECK(opened(out)->parts().size() == 3);
-  CHECK(opened(out)->metadata().frames == 30);
-  CHECK(issues_of(bytes_of(out)).empty());
-  CHECK(losses.segments == segments);
-  CHECK(losses.primitives == 60);
-  CHECK(losses.bytes == lost_bytes);
-  REQUIRE(losses.moments.size() == 1);
-  CHECK(losses.moments[0].begin >= 30);
-  CHECK(losses.moments[0].end <= 40);
-  const auto lines = losses_text(losses, recording_metadata().time_base);
-  REQUIRE(lines.size() == 1);
-  CHECK(lines[0].find(fmt::format("with 60 primitives; {} bytes, of", lost_bytes)) !=
-        std::string::npos);
-}
-
-TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage") {
-  const Folder folder;
-  const std::string path = folder.file("damaged.stgs"), out = folder.file("out.stgs");
-  record(path, 4, false, Profile::kQuantised);
-  const auto recorded = opened(path);
-  for (const std::size_t stretch_hit : {1u, 2u}) {
-    const auto segment =
-        std::find_if(recorded->segments().begin(), recorded->segments().end(),
-                     [&](const SegmentInfo& one) { return one.part == stretch_hit; });
-    Bytes bytes = bytes_of(path);
-    bytes[segment->offset + 100] ^= 0x20;
-    SceneLosses losses;
-    REQUIRE(finalize_scene(memory_source(bytes, "damaged.stgs"), out, losses).ok());
-    CHECK(losses.segments == 1);
-    CHECK(losses.of_segments == recorded->segments().size());
-    CHECK(losses.primitives == segment->primitives);
-    CHECK(losses.bytes == segment->bytes + segment->harmonics_bytes);
-    CHECK(losses.moments == std::vector<TickRange>{{segment->begin_ticks, segment->end_ticks}});
-    CHECK(losses.reason.code() == StatusCode::kInvalidFile);
-    const auto finished = opened(out);
-    CHECK(finished->parts() == recorded->parts());
-    CHECK(issues_of(bytes_of(out)).count(112) == 1);
-    for (std::uint32_t s = 0; s < finished->segments().size(); ++s) {
-      const bool hit = &recorded->segments()[s] == &*segment;
-      CHECK(finished->decode(s).ok() == !hit);
-      if (!hit) CHECK(fingerprints(*finished->decode(s)) == fingerprints(*recorded->decode(s)));
-    }
-    // Converting or packing it goes on with the rest, and strict reading does not.
-    SceneLosses again;
-    const auto sound = read_sound_scene(out, again);
-    REQUIRE(sound.ok());
-    CHECK(sound->gaussians.size() == recorded->primitives() - segment->primitives);
-    CHECK(sound->parts[stretch_hit].primitives == 60 - segment->primitives);
-    CHECK(again.primitives == segment->primitives);
-    CHECK(again.bytes == losses.bytes);
-    CHECK(again.moments == losses.moments);
-    CHECK(read_scene(out).status().code() == StatusCode::kInvalidFile);
-  }
-}
-
-TEST_CASE("finalize makes no file of a recording of which nothing can be read") {
-  const Folder folder;
-  const std::string path = folder.file("dead.stgs"), out = folder.file("out.stgs");
-  record(path, 2, true);
-  Bytes bytes = bytes_of(path);
-  const auto reader = opened(path);
-  for (const SegmentInfo& segment : reader->segments()) bytes[segment.offset + 60] ^= 1;
-  SceneLosses losses;
-  CHECK(finalize_scene(memory_source(bytes, "dead.stgs"), out, losses).code() ==
-        StatusCode::kInvalidFile);
-  CHECK_FALSE(fs::exists(out));
-  CHECK(read_sound_scene(memory_source(bytes, "dead.stgs"), losses).status().code() ==
-        StatusCode::kInvalidFile);
-}
-
-TEST_CASE("what a damaged fragment of the index alone lists is told with its moments") {
-  const std::string path =
-      std::string(STGS_TEST_DATA) + "/../conformance/vectors/fragment_damaged.stgs";
-  const auto reader = opened(path);
-  REQUIRE(reader->lost_stretches().size() == 1);
-  const LostStretch& lost = reader->lost_stretches()[0];
-  CHECK(lost.moments == TickRange{90, 100});
-  CHECK(lost.bytes > 435);
-  CHECK(reader->complete_ticks() == 90);
-  const Folder folder;
-  SceneLosses losses;
-  REQUIRE(finalize_scene(std::move(*open_file(path)), folder.file("out.stgs"), losses).ok());
-  CHECK(losses.lost_stretches == reader->lost_stretches());
-  REQUIRE(losses.damage.size() >= 1);
-  CHECK(losses.damage[0].number == 313);
-  SceneLosses read;
-  REQUIRE(read_sound_scene(path, read).ok());
-  const auto lines = losses_text(read, reader->metadata().time_base);
-  REQUIRE(lines.size() == 2);
-  CHECK(lines[0].find("issue 313") != std::string::npos);
-  CHECK(lines[1].find("first seen at 3.000 to 3.333 s is lost") != std::string::npos);
-}
-
-TEST_CASE("a fragment that a damaged one hides is told") {
-  const Folder folder;
-  const std::string path = folder.file("hidden.stgs");
-  record(path, 3, true);
-  Bytes bytes = bytes_of(path);
-  const std::string text(bytes.begin(), bytes.end());
-  const std::size_t third = text.rfind("FRAG", text.rfind("FRAG") - 1);
-  bytes[third + 1] ^= 0x10;
-  const auto reader = SceneReader::open(memory_source(bytes));
-  REQUIRE(reader.ok());
-  CHECK((*reader)->metadata().frames == 20);
-  CHECK((*reader)->unreached_frames() == 30);
-  CHECK((*reader)->incomplete_bytes() > 0);
-  const auto issues = validate_scene(*memory_source(bytes));
-  REQUIRE(issues.ok());
-  CHECK(std::any_of(issues->begin(), issues->end(), [](const Issue& issue) {
-    return issue.number == 314 &&
-           issue.message.find("of 30 frames in all, is not used") != std::string::npos &&
-           issue.message.find("beyond frame 20 is not shown") != std::string::npos;
-  }));
-  CHECK(opened(path)->unreached_frames() == 0);
 }
 
 TEST_CASE("a recorder says what it cannot do") {

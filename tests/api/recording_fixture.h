@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recordings in files of a test's own.
+#pragma once
+
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include "stretch_fixture.h"
+
+namespace stgs::testing {
+
+// A folder of the test's own, removed with it.
+class Folder {
+ public:
+  Folder() {
+    static int count = 0;
+    path_ = std::filesystem::temp_directory_path() /
+            fmt::format("stgs-recorder-{}-{}", ::getpid(), count++);
+    std::filesystem::create_directories(path_);
+  }
+  ~Folder() { std::filesystem::remove_all(path_); }
+  std::string file(const std::string& name) const { return (path_ / name).string(); }
+
+ private:
+  std::filesystem::path path_;
+};
+
+inline std::vector<std::uint8_t> bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+// Records so many stretches; the sizes of the file before the first and after each.
+inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t count, bool close,
+                                         Profile profile = Profile::kLossless,
+                                         std::size_t primitives = 60) {
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings(profile));
+  INFO(recorder.status().message());
+  REQUIRE(recorder.ok());
+  std::vector<std::uint64_t> sizes = {(*recorder)->bytes()};
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const Status status = (*recorder)->append(stretch(i, primitives), (i + 1) * kStretchFrames);
+    INFO(status.message());
+    REQUIRE(status.ok());
+    CHECK((*recorder)->frames() == (i + 1) * kStretchFrames);
+    sizes.push_back((*recorder)->bytes());
+    CHECK(std::filesystem::file_size(path) == sizes.back());
+  }
+  if (close) {
+    REQUIRE((*recorder)->close().ok());
+    sizes.push_back((*recorder)->bytes());
+  }
+  return sizes;
+}
+
+inline std::unique_ptr<SceneReader> opened(const std::string& path) {
+  auto reader = SceneReader::open(path);
+  INFO(reader.status().message());
+  REQUIRE(reader.ok());
+  return std::move(*reader);
+}
+
+inline std::set<int> issues_of(const std::vector<std::uint8_t>& bytes) {
+  const auto issues = validate_scene(*memory_source(bytes));
+  REQUIRE(issues.ok());
+  std::set<int> numbers;
+  for (const Issue& issue : *issues) numbers.insert(issue.number);
+  return numbers;
+}
+
+}  // namespace stgs::testing
