@@ -3,6 +3,13 @@
 # What is left out answers with exit code 6 on the command line.
 include_guard()
 
+# The system's own Python, which has the packages that tools/setup installs; one of pyenv or conda
+# that comes first on the path lacks them. Another by -DPython3_EXECUTABLE.
+if(NOT DEFINED Python3_EXECUTABLE AND EXISTS /usr/bin/python3)
+  set(Python3_EXECUTABLE /usr/bin/python3)
+endif()
+find_package(Python3 QUIET COMPONENTS Interpreter)
+
 function(stgs_option name default text)
   set(STGS_WITH_${name} ${default} CACHE STRING "${text} (ON, AUTO or OFF)")
   set_property(CACHE STGS_WITH_${name} PROPERTY STRINGS AUTO ON OFF)
@@ -183,18 +190,15 @@ if(NOT STGS_WITH_MPI STREQUAL "OFF")
   find_package(MPI 3.0 QUIET COMPONENTS CXX)
 endif()
 stgs_resolve(MPI MPI_CXX_FOUND "training with several processes (MPI)")
-if(STGS_HAS_VULKAN AND NOT STGS_WITH_OPENXR STREQUAL "OFF")
-  if(NOT STGS_WITH_PYTHON STREQUAL "OFF" AND NOT STGS_SANITIZE)
-  # Debian's own Python, whose packages pybind11 and numpy are; another one by -DPython_EXECUTABLE.
-  if(NOT DEFINED Python_EXECUTABLE AND EXISTS /usr/bin/python3)
-    set(Python_EXECUTABLE /usr/bin/python3)
-  endif()
+if(NOT STGS_WITH_PYTHON STREQUAL "OFF" AND NOT STGS_SANITIZE)
+  set(Python_EXECUTABLE ${Python3_EXECUTABLE})
   find_package(Python QUIET COMPONENTS Interpreter Development.Module NumPy)
   if(Python_FOUND)
     find_package(pybind11 2.10 QUIET)
   endif()
 endif()
 stgs_resolve(PYTHON pybind11_FOUND "the Python module (pybind11, numpy)")
-find_package(OpenXR QUIET)
+if(STGS_HAS_VULKAN AND NOT STGS_WITH_OPENXR STREQUAL "OFF")
+  find_package(OpenXR QUIET)
 endif()
 stgs_resolve(OPENXR OpenXR_FOUND "the example of a headset (OpenXR, Vulkan)")

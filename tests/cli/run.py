@@ -23,8 +23,9 @@ def main():
     parser.add_argument("--fixture", required=True)
     parser.add_argument("--source", required=True)
     args, rest = parser.parse_known_args()
-    if importlib.util.find_spec("jsonschema") is None:
-        sys.exit("run.py: needs python3-jsonschema")
+    for name in ("jsonschema", "xxhash"):
+        if importlib.util.find_spec(name) is None:
+            sys.exit(f"run.py: needs python3-{name} for {sys.executable}")
     harness.STGS = os.path.abspath(args.stgs)
     harness.SOURCE = os.path.abspath(args.source)
     with tempfile.TemporaryDirectory(prefix="stgs-fixture-") as folder:
