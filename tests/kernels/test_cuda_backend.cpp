@@ -371,6 +371,26 @@ TEST_CASE("a plan that does not fit is refused with what it needs") {
   CHECK(status.message().find("GiB") != std::string::npos);
 }
 
+TEST_CASE("a plan that only just fits is taken, one that just does not is refused") {
+  constexpr std::size_t kPrimitives = 2000000, kMiB = std::size_t{1} << 20;
+  const TrainPlan plan{kPrimitives, 16, 640, 360};
+  const std::size_t need = cuda::DeviceState::bytes(kPrimitives, 16, false) +
+                           cuda::StepPipeline::bytes(kPrimitives, 640, 360, 6 * kPrimitives, false);
+  for (const bool fits : {true, false}) {
+    cuda::CudaBackend backend;
+    check(backend.create());
+    std::size_t free = 0, total = 0;
+    REQUIRE(cudaMemGetInfo(&free, &total) == cudaSuccess);
+    // Far less is left than the lists would take by choice.
+    cuda::DeviceArray<std::uint8_t> taken;
+    check(taken.ensure(free - need - 128 * kMiB + (fits ? 0 : 256 * kMiB)));
+    const Status status = backend.reserve(plan);
+    INFO(status.message());
+    CHECK(status.ok() == fits);
+    if (!fits) CHECK(status.code() == StatusCode::kUnsupported);
+  }
+}
+
 TEST_CASE("training on CUDA recovers a held-out view, and resumes to the same bits") {
   const test::SyntheticCapture synthetic("train_cuda");
   TrainSettings settings;

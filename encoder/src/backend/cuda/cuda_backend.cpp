@@ -9,15 +9,20 @@ namespace stgs::encoder {
 namespace cuda {
 namespace {
 
-// Tile instances a primitive, before any step has told; and what is kept free above the largest
-// number seen.
+// Tile instances a primitive, before any step has told.
 constexpr std::size_t kInstancesAPrimitive = 6;
 constexpr std::size_t kInstancesFloor = std::size_t{1} << 16;
+// Room for them, times the largest number seen.
 constexpr double kSlack = 1.25;
 // Of the largest number, what is kept from one step to the next.
 constexpr double kMemory = 0.999;
 // Share of the free memory that pictures may take once everything else has its place.
 constexpr double kPictureShare = 0.85;
+
+// Tile instances to make room for, before any step has told.
+std::size_t first_room(std::size_t primitives) {
+  return std::clamp(kInstancesAPrimitive * primitives, kInstancesFloor, kMaxInstances);
+}
 
 StepOutput output_of(const StepRecord& record) {
   StepOutput output;
@@ -28,6 +33,18 @@ StepOutput output_of(const StepRecord& record) {
   output.perceptual = record.perceptual;
   output.visible = record.visible;
   return output;
+}
+
+Status too_little_memory(const TrainPlan& plan, std::size_t need, std::size_t free,
+                         std::size_t total, std::size_t perceptual) {
+  const auto text = [](std::size_t bytes) { return bytes_text(static_cast<double>(bytes)); };
+  return unsupported(
+      "training {} primitives on {}x{} pictures needs {} of GPU memory, and {} of {} are free: "
+      "use fewer primitives (--max-primitives) or smaller frames{}, or --backend cpu",
+      plan.primitives, plan.width, plan.height, text(need), text(free), text(total),
+      perceptual == 0
+          ? ""
+          : fmt::format(", or a smaller perceptual_patch ({} of it)", text(perceptual)));
 }
 
 Status device_problem(const char* text) {
@@ -84,11 +101,11 @@ Status CudaBackend::join(Ranks& ranks, std::unique_ptr<RankExchange> exchange) {
 Status CudaBackend::reserve(const TrainPlan& plan) {
   STGS_TRY(truths_.give_back());
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
-  const std::size_t instances = std::max(kInstancesAPrimitive * plan.primitives, kInstancesFloor);
+  const std::size_t instances = first_room(plan.primitives);
   const std::size_t state_bytes =
       DeviceState::bytes(plan.primitives, plan.sh_coefficients, plan.coupled);
   const std::size_t step_bytes =
-      StepPipeline::bytes(plan.primitives, pixels, instances, plan.normals);
+      StepPipeline::bytes(plan.primitives, plan.width, plan.height, instances, plan.normals);
   const std::size_t shared_bytes = ranks_ == nullptr ? 0 : ranks() * block_bytes(plan.primitives);
   const std::size_t few_pictures = 16 * pixels;
   pipeline_.set_perceptual(nullptr);
@@ -101,26 +118,20 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   }
   std::size_t free = 0, total = 0;
   STGS_TRY(cuda_status(cudaMemGetInfo(&free, &total), "asking for the GPU's memory"));
-  const double need = static_cast<double>(state_bytes + step_bytes + shared_bytes + few_pictures +
-                                          perceptual_bytes);
-  if (need > static_cast<double>(free)) {
-    return unsupported(
-        "training {} primitives on {}x{} pictures needs {} of GPU memory, and {} of {} are free: "
-        "use fewer primitives (--max-primitives) or smaller frames{}, or --backend cpu",
-        plan.primitives, plan.width, plan.height, bytes_text(need),
-        bytes_text(static_cast<double>(free)), bytes_text(static_cast<double>(total)),
-        perceptual ? fmt::format(", or a smaller perceptual_patch ({} of it)",
-                                 bytes_text(static_cast<double>(perceptual_bytes)))
-                   : "");
-  }
+  const std::size_t need =
+      state_bytes + step_bytes + shared_bytes + few_pictures + perceptual_bytes;
+  if (need > free) return too_little_memory(plan, need, free, total, perceptual_bytes);
   if (perceptual) STGS_TRY(perceptual->reserve(patch.width, patch.height));
   pipeline_.set_perceptual(std::move(perceptual));
   if (ranks_ != nullptr) {
     STGS_TRY(pipeline_.set_ranks(*ranks_, exchange_.get(), plan.primitives));
   }
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients, plan.coupled));
-  STGS_TRY(pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals,
-                             stream_));
+  // What only just fits may still fail: the driver rounds each array up.
+  if (!pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals, stream_)
+           .ok()) {
+    return too_little_memory(plan, need, free, total, perceptual_bytes);
+  }
   return share_with_pictures();
 }
 
@@ -147,7 +158,7 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
     STGS_TRY(device_.reserve(most, device_.primitives().sh_coefficients, state_->is_coupled()));
     STGS_TRY(device_.upload(*state_, stream_));
   }
-  STGS_TRY(pipeline_.reserve(most, 1, 1, kInstancesAPrimitive * most, false, stream_));
+  STGS_TRY(pipeline_.reserve(most, 1, 1, first_room(most), false, stream_));
   const Workspace& w = pipeline_.workspace();
   STGS_ASSIGN(const DensifyCounts counts,
               input.refining ? densifier_.replace(device_, *input.parameters, input.context,
@@ -166,10 +177,8 @@ Result<DensifyCounts> CudaBackend::densify(const DensifyInput& input) {
 }
 
 std::size_t CudaBackend::room() const {
-  const std::size_t wanted =
-      instances_seen_ == 0
-          ? kInstancesAPrimitive * device_.primitives().n
-          : static_cast<std::size_t>(kSlack * static_cast<double>(instances_seen_));
+  if (instances_seen_ == 0) return first_room(device_.primitives().n);
+  const auto wanted = static_cast<std::size_t>(kSlack * static_cast<double>(instances_seen_));
   return std::clamp(wanted, kInstancesFloor, kMaxInstances);
 }
 

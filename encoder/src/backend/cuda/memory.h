@@ -29,11 +29,14 @@ class DeviceArray {
   DeviceArray& operator=(const DeviceArray&) = delete;
   ~DeviceArray() { cudaFree(data_); }
 
-  Status ensure(std::size_t n) {
-    if (n <= capacity_) return {};
+  void release() {
     cudaFree(data_);
     data_ = nullptr;
     capacity_ = 0;
+  }
+  Status ensure(std::size_t n) {
+    if (n <= capacity_) return {};
+    release();
     void* memory = nullptr;
     const cudaError_t error = cudaMalloc(&memory, n * sizeof(T));
     if (error != cudaSuccess) {

@@ -44,19 +44,20 @@ std::size_t tiles_of(int width, int height) {
 
 }  // namespace
 
-std::size_t StepPipeline::bytes(std::size_t primitives, std::size_t pixels, std::size_t instances,
-                                bool planes) {
+std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
+                                std::size_t instances, bool planes) {
   constexpr std::size_t kPrimitive = sizeof(ScreenSplat) + 6 * 4 + sizeof(uint2);
   constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4;
   constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
+  const std::size_t pixels = std::size_t{1} * width * height;
   // The sort keeps a copy of its input.
   const std::size_t items = std::max(primitives, instances);
-  const std::size_t segments = segment_count(instances, pixels / (kTile * kTile));
+  const std::size_t segments = segment_count(instances, tiles_of(width, height) + 1);
   const std::size_t checkpoints = segments * kTile * kTile * sizeof(float4);
   const std::size_t with_planes =
       checkpoints + (primitives + 2 * pixels + instances) * sizeof(float4);
-  return checkpoints + primitives * kPrimitive + pixels * kPixel + instances * kInstance +
-         items * (4 + 9) + (planes ? with_planes : 0);
+  return checkpoints + segments * sizeof(uint2) + primitives * kPrimitive + pixels * kPixel +
+         instances * kInstance + items * (4 + 9) + (planes ? with_planes : 0);
 }
 
 Status StepPipeline::create(cudaStream_t stream) {
@@ -74,24 +75,44 @@ Status StepPipeline::reserve(std::size_t primitives, int width, int height, std:
   }
   STGS_TRY(reserve_primitives(primitives));
   STGS_TRY(reserve_picture(width, height));
-  if (instances > list_.capacity()) {
-    // Half as much again, for the next steps may need a little more each.
-    if (!reserve_instances(std::min(instances + instances / 2, kMaxInstances)).ok()) {
-      STGS_TRY(reserve_instances(instances));
-    }
-  }
-  STGS_TRY(reserve_segments());
   with_planes_ = with_planes_ || planes;
+  // Half as much again, for the next steps may need a little more each.
+  const std::size_t wish = instances > list_.capacity()
+                               ? std::min(instances + instances / 2, kMaxInstances)
+                               : list_.capacity();
+  if (reserve_lists(wish, stream).ok()) return {};
+  STGS_TRY(release_lists(stream));
+  return reserve_lists(instances, stream);
+}
+
+// All whose size follows from the number of tile instances.
+Status StepPipeline::reserve_lists(std::size_t instances, cudaStream_t stream) {
+  STGS_TRY(reserve_instances(instances));
+  STGS_TRY(reserve_segments());
   if (with_planes_) STGS_TRY(reserve_planes());
-  const std::size_t items = std::max(primitives, list_.capacity());
-  if (items > iota_.capacity()) {
-    STGS_TRY(sort_memory_.ensure(sort_memory_bytes(items)));
-    workspace_.sort_memory = sort_memory_.data();
-    workspace_.sort_bytes = sort_memory_.capacity();
-    STGS_TRY(iota_.ensure(items));
-    launch_iota(iota_.data(), iota_.capacity(), stream);
-    workspace_.iota = iota_.data();
-  }
+  const std::size_t items = std::max(splats_.capacity(), list_.capacity());
+  if (items <= iota_.capacity()) return {};
+  STGS_TRY(sort_memory_.ensure(sort_memory_bytes(items)));
+  workspace_.sort_memory = sort_memory_.data();
+  workspace_.sort_bytes = sort_memory_.capacity();
+  STGS_TRY(iota_.ensure(items));
+  workspace_.iota = iota_.data();
+  launch_iota(iota_.data(), iota_.capacity(), stream);
+  return {};
+}
+
+// Gives all of them back, so that what is reserved next is no larger than it must be.
+Status StepPipeline::release_lists(cudaStream_t stream) {
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
+  for (auto* array :
+       {&owners_, &instance_tiles_, &tiles_sorted_, &instances_sorted_, &list_, &iota_})
+    array->release();
+  partials_.release();
+  segments_.release();
+  checkpoints_.release();
+  surface_checkpoints_.release();
+  plane_partials_.release();
+  sort_memory_.release();
   return {};
 }
 

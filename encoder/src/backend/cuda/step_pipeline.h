@@ -20,12 +20,13 @@ class StepPipeline {
   using StageObserver = std::function<void(const char* stage)>;
 
   // Bytes of device memory for such steps.
-  static std::size_t bytes(std::size_t primitives, std::size_t pixels, std::size_t instances,
+  static std::size_t bytes(std::size_t primitives, int width, int height, std::size_t instances,
                            bool planes);
 
   Status create(cudaStream_t stream);
   // Memory for steps of this size, from now on also with planes (L_n) where it says so; waits for
-  // the stream where it has to grow.
+  // the stream where it has to grow. Lists grow by more than asked for where there is room; bytes()
+  // are enough.
   Status reserve(std::size_t primitives, int width, int height, std::size_t instances, bool planes,
                  cudaStream_t stream);
   // Enqueues a step with room for `instances` tile instances; the size is reserved. `record`, one
@@ -44,6 +45,8 @@ class StepPipeline {
   const Workspace& workspace() const { return workspace_; }
 
  private:
+  Status reserve_lists(std::size_t instances, cudaStream_t stream);
+  Status release_lists(cudaStream_t stream);
   Status reserve_primitives(std::size_t n);
   Status reserve_picture(int width, int height);
   Status reserve_instances(std::size_t n);
