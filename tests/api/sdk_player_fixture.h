@@ -6,10 +6,10 @@
 #include <chrono>
 #include <cstring>
 #include <functional>
-#include <mutex>
 #include <thread>
 #include <utility>
 
+#include "late_file.h"
 #include "sdk_fixture.h"
 
 namespace stgs::testing {
@@ -141,21 +141,8 @@ class CallerFile {
   }
 
   // Answers the reads that wait, on the thread that calls.
-  void answer(int with_error = 0) {
-    std::vector<Waiting> waiting;
-    {
-      const std::lock_guard lock(mutex_);
-      waiting.swap(waiting_);
-    }
-    for (const Waiting& one : waiting) {
-      std::memcpy(one.out, bytes_.data() + one.offset, one.bytes);
-      stgs_read_complete(one.read, with_error);
-    }
-  }
-  std::size_t waiting() {
-    const std::lock_guard lock(mutex_);
-    return waiting_.size();
-  }
+  void answer(int with_error = 0) { late_.answer(with_error); }
+  std::size_t waiting() { return late_.waiting(); }
 
   // Reads from this number on wait: for interrupt(), or for answer().
   std::atomic<int> stall_from{1 << 30};
@@ -165,13 +152,6 @@ class CallerFile {
   std::atomic<int> reads{0}, closed{0}, interrupted{0};
 
  private:
-  struct Waiting {
-    stgs_read* read;
-    std::uint64_t offset;
-    void* out;
-    std::size_t bytes;
-  };
-
   int read(std::uint64_t offset, void* out, std::size_t bytes) {
     if (reads++ >= stall_from) {
       interrupted.wait(0);
@@ -184,11 +164,7 @@ class CallerFile {
   int error_at(std::uint64_t offset) const { return offset >= error_from ? error.load() : 0; }
 
   void begin(stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-    if (reads++ >= stall_from) {
-      const std::lock_guard lock(mutex_);
-      waiting_.push_back({read, offset, out, bytes});
-      return;
-    }
+    if (reads++ >= stall_from) return late_.begin(read, offset, out, bytes);
     const int failed = error_at(offset);
     if (failed == 0) std::memcpy(out, bytes_.data() + offset, bytes);
     stgs_read_complete(read, failed);
@@ -199,8 +175,7 @@ class CallerFile {
   }
 
   const std::vector<std::uint8_t>& bytes_;
-  std::mutex mutex_;
-  std::vector<Waiting> waiting_;
+  LateFile late_{bytes_};
 };
 
 // The picture of a player's moment.

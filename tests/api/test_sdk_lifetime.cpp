@@ -31,50 +31,23 @@ std::uint64_t resident_bytes() {
   return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
 
-// A source that answers when it is told to: some reads late, some with errors, for a while none.
-class UnreliableFile {
+// Answers what waits as it comes: a tenth fails, and a fifth waits for another time.
+class Faults {
  public:
-  explicit UnreliableFile(const std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
-  ~UnreliableFile() { answer(false); }
-
-  stgs_async_io io() {
-    stgs_async_io io{};
-    io.struct_size = sizeof io;
-    io.user = this;
-    io.size = bytes_.size();
-    io.begin = [](void* user, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-      auto* self = static_cast<UnreliableFile*>(user);
-      std::memcpy(out, self->bytes_.data() + offset, bytes);
-      const std::lock_guard lock(self->mutex_);
-      self->reads_.push_back(read);
-    };
-    return io;
-  }
-  // `faults`: a tenth fails, and a fifth waits for another time.
-  void answer(bool faults) {
-    std::vector<stgs_read*> reads;
-    {
-      const std::lock_guard lock(mutex_);
-      reads.swap(reads_);
-    }
-    for (stgs_read* read : reads) {
+  explicit Faults(LateFile& file) : file_(file) {}
+  void answer() {
+    file_.answer_each([this]() -> std::optional<int> {
       const auto dice = static_cast<int>(random_() % 10);
-      if (faults && dice < 2) {
-        const std::lock_guard lock(mutex_);
-        reads_.push_back(read);
-      } else {
-        failed += faults && dice == 2 ? 1 : 0;
-        stgs_read_complete(read, faults && dice == 2 ? 5 : 0);
-      }
-    }
+      if (dice < 2) return {};
+      failed += dice == 2 ? 1 : 0;
+      return dice == 2 ? 5 : 0;
+    });
   }
   int failed = 0;
 
  private:
-  const std::vector<std::uint8_t>& bytes_;
+  LateFile& file_;
   std::minstd_rand random_{7};
-  std::mutex mutex_;
-  std::vector<stgs_read*> reads_;
 };
 
 }  // namespace
@@ -112,7 +85,8 @@ TEST_CASE("ten thousand scenes and players come and go, and leave nothing", "[sd
 TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   constexpr int kTicks = 3600 * 30;
   const auto clip = long_clip();
-  UnreliableFile file(clip);
+  LateFile file(clip);
+  Faults faults(file);
   stgs_player_settings settings = player_settings();
   settings.retry_seconds = 1e-3;
   settings.ahead_seconds = 0.5;
@@ -121,7 +95,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   const stgs_async_io io = file.io();
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   REQUIRE(wait_until([&] {
-    file.answer(false);
+    file.answer(0);
     return update(player.get(), 0).state != STGS_PLAYER_OPENING;
   }));
   REQUIRE(stgs_player_set_loop(player.get(), 1) == STGS_OK);
@@ -138,7 +112,8 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   for (int tick = 0; tick < kTicks; ++tick) {
     // Time passes while it plays; where it stands still, real time has to.
     REQUIRE(update_until(player.get(), now, [&](const stgs_player_status& status) {
-      file.answer(tick % 9000 < 8000);  // now and then all goes well
+      // Now and then all goes well.
+      tick % 9000 < 8000 ? faults.answer() : file.answer(0);
       return status.state == STGS_PLAYER_PLAYING;
     }));
     now += kFrame;
@@ -165,7 +140,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   CHECK(broken == 0);
   CHECK(rounds > 250);
   CHECK(lost > 0);
-  CHECK(file.failed > 0);
+  CHECK(faults.failed > 0);
   CHECK(fetched > 20 * clip.size());
   CHECK(fuzz::heap_used() < heap + (4 << 20));
 
@@ -173,7 +148,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   REQUIRE(stgs_player_pause(player.get()) == STGS_OK);
   REQUIRE(stgs_player_seek_frame(player.get(), 31) == STGS_OK);
   REQUIRE(update_until(player.get(), now, [&](const stgs_player_status& status) {
-    file.answer(false);
+    file.answer(0);
     return status.layers == status.layers_of_file;
   }));
   CHECK(draw_moment(renderer.get(), player.get(), view) ==

@@ -3,18 +3,18 @@
 // call. Every result is one that the header names, and what fails says why.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <string>
 
+#include "../api/late_file.h"
 #include "fuzz_target.h"
 #include "stgs/stgs.h"
 #include "stgs_file.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;
+using stgs::testing::LateFile;
 
 namespace {
 
@@ -30,39 +30,6 @@ std::vector<Bytes> seeds() {
 std::uint64_t most_memory(View) {
   return 96 << 20;
 }
-
-// Bytes whose reads wait until somebody answers them.
-class LateFile {
- public:
-  explicit LateFile(Bytes bytes) : bytes_(std::move(bytes)) {}
-
-  stgs_async_io io() {
-    stgs_async_io io{};
-    io.struct_size = sizeof io;
-    io.user = this;
-    io.size = bytes_.size();
-    io.begin = [](void* user, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-      auto* self = static_cast<LateFile*>(user);
-      std::memcpy(out, self->bytes_.data() + offset, bytes);
-      const std::lock_guard lock(self->mutex_);
-      self->reads_.push_back(read);
-    };
-    return io;
-  }
-  void answer(int error) {
-    std::vector<stgs_read*> reads;
-    {
-      const std::lock_guard lock(mutex_);
-      reads.swap(reads_);
-    }
-    for (stgs_read* read : reads) stgs_read_complete(read, error);
-  }
-
- private:
-  const Bytes bytes_;
-  std::mutex mutex_;
-  std::vector<stgs_read*> reads_;
-};
 
 struct Calls {
   stgs_scene* scene = nullptr;
@@ -80,7 +47,6 @@ struct Calls {
   void end_player() {
     stgs_player_destroy(player);
     player = nullptr;
-    if (late != nullptr) late->answer(1);
     late = nullptr;
   }
 
@@ -183,13 +149,13 @@ struct Calls {
     status.struct_size = sizeof status;
     if (stgs_player_update(player, now, &status) != STGS_OK) return STGS_ERROR_ARGUMENT;
     if (status.state != STGS_PLAYER_CLOSED) return stgs_player_open(player, "x");
-    if (late != nullptr) late->answer(1);
+    late = nullptr;
+    of_player = some_file(argument);
     if ((argument & 0x20) != 0) {
-      late = std::make_unique<LateFile>(some_file(argument));
+      late = std::make_unique<LateFile>(of_player);
       const stgs_async_io io = late->io();
       return stgs_player_open_async_io(player, &io);
     }
-    of_player = some_file(argument);
     return (argument & 0x80) != 0
                ? stgs_player_open_memory_copy(player, of_player.data(), of_player.size())
                : stgs_player_open_memory(player, of_player.data(), of_player.size());
