@@ -52,13 +52,15 @@ extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* sce
                                         uint32_t count, struct CUstream_st* stream) {
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_backend(*renderer));
-    STGS_SDK_TRY(stgs::sdk::check_render(scene, seconds, views, pictures, count));
+    stgs::sdk::Pictures known;
+    STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));
     std::vector<stgs::player::CudaPicture> targets;
     for (std::uint32_t i = 0; i < count; ++i) {
-      STGS_SDK_TRY(check_rgba8(pictures[i].rgba8));
-      targets.push_back(picture_of(pictures[i], views[i].width));
+      STGS_SDK_TRY(check_rgba8(known[i].rgba8));
+      targets.push_back(
+          picture_of(known[i], static_cast<std::uint32_t>(renderer->views[i].camera.width)));
     }
-    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds, views, count));
+    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds));
     return renderer->backend->read_cuda(targets, stream);
   });
 }

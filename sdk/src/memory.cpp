@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <new>
 
+#include "structs.h"
+
 namespace stgs::sdk {
 namespace {
 
@@ -36,14 +38,19 @@ class CallerMemory final : public std::pmr::memory_resource {
 
 stgs_result check_allocator(const stgs_allocator* allocator) {
   if (allocator == nullptr) return STGS_OK;
-  if (const stgs_result bad = check_struct(allocator); bad != STGS_OK) return bad;
-  const bool usable = allocator->allocate != nullptr && allocator->free != nullptr;
+  stgs_allocator known{};
+  if (const stgs_result bad = take_struct(allocator, known); bad != STGS_OK) return bad;
+  const bool usable = known.allocate != nullptr && known.free != nullptr;
   return usable ? STGS_OK : STGS_ERROR_ARGUMENT;
 }
 
 std::shared_ptr<std::pmr::memory_resource> caller_memory(const stgs_allocator* allocator) {
-  if (allocator != nullptr) return std::make_shared<CallerMemory>(*allocator);
-  return {std::shared_ptr<void>(), std::pmr::new_delete_resource()};  // nobody's: it stays
+  if (allocator == nullptr) {
+    return {std::shared_ptr<void>(), std::pmr::new_delete_resource()};  // nobody's: it stays
+  }
+  stgs_allocator known{};
+  (void)take_struct(allocator, known);
+  return std::make_shared<CallerMemory>(known);
 }
 
 }  // namespace stgs::sdk

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "structs.h"
+
 namespace stgs::sdk {
 namespace {
 
@@ -83,7 +85,7 @@ stgs_result LastError::set(const Outcome& outcome) {
 
 stgs_result LastError::tell(stgs_error* error) const {
   if (const stgs_result bad = check_struct(error); bad != STGS_OK) return bad;
-  *error = {sizeof(*error), result_, issue_, offset_, message_.data()};
+  give_struct(error, {sizeof(*error), result_, issue_, offset_, message_.data()});
   return STGS_OK;
 }
 

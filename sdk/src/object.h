@@ -7,7 +7,6 @@
 #include <cstring>
 #include <exception>
 #include <new>
-#include <type_traits>
 
 #include "stgs/format/status.h"
 #include "stgs/stgs.h"
@@ -47,31 +46,6 @@ struct Log {
     if (function != nullptr) function(user, level, message.c_str());
   }
 };
-
-// Whether a struct of the caller's has the size that this version knows; there is one so far.
-template <typename T>
-stgs_result check_struct(const T* given) {
-  if (given == nullptr) return STGS_ERROR_ARGUMENT;
-  return given->struct_size == sizeof(T) ? STGS_OK : STGS_ERROR_STRUCT_SIZE;
-}
-template <typename T>
-Outcome check_struct(const T* given, const char* name) {
-  const stgs_result result = check_struct(given);
-  if (result == STGS_OK) return {};
-  if (result == STGS_ERROR_ARGUMENT) return {result, fmt::format("{} is NULL", name)};
-  return {result, fmt::format("{}: struct_size is {}, not {}; set it to its sizeof", name,
-                              given->struct_size, sizeof(T))};
-}
-
-// Fills a struct of the caller's with defaults.
-template <typename T>
-stgs_result put_defaults(T* out, std::size_t struct_size, const T& defaults) {
-  if (out == nullptr) return STGS_ERROR_ARGUMENT;
-  if (struct_size != sizeof(T)) return STGS_ERROR_STRUCT_SIZE;
-  *out = defaults;
-  out->struct_size = sizeof(T);
-  return STGS_OK;
-}
 
 // Runs a call on an object and keeps how it ended; nothing is thrown to the caller.
 template <typename Object, typename Call>

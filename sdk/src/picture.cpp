@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "structs.h"
+
 namespace stgs::sdk {
 namespace {
 
@@ -67,7 +69,6 @@ void write_rgba8(const player::Frame& frame, const stgs_buffer& buffer) {
 }  // namespace
 
 Outcome check_picture(const stgs_picture& picture, std::uint32_t width, std::uint32_t height) {
-  STGS_SDK_TRY(check_struct(&picture, "picture"));
   STGS_SDK_TRY(check_buffer(picture.rgba8, "rgba8", 1, width, height));
   int planes = 0;
   for (const stgs_buffer& plane : picture.rgb) {

@@ -6,6 +6,8 @@
 #include <new>
 #include <utility>
 
+#include "structs.h"
+
 using stgs::player::PlayerEvent;
 using stgs::player::PlayerState;
 using stgs::sdk::guarded;
@@ -153,25 +155,26 @@ stgs_result stgs_player_settings_defaults(stgs_player_settings* settings, size_t
 stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  const stgs_player_settings defaults = default_settings();
-  if (settings == nullptr) settings = &defaults;
-  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
-  if (!are_in_range(*settings)) return STGS_ERROR_ARGUMENT;
-  if (const stgs_result bad = stgs::sdk::check_task_runner(settings->task_runner); bad != STGS_OK) {
+  stgs_player_settings known = default_settings();
+  if (settings != nullptr) {
+    if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
+  }
+  if (!are_in_range(known)) return STGS_ERROR_ARGUMENT;
+  if (const stgs_result bad = stgs::sdk::check_task_runner(known.task_runner); bad != STGS_OK) {
     return bad;
   }
-  if (const stgs_result bad = stgs::sdk::check_allocator(settings->allocator); bad != STGS_OK) {
+  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator); bad != STGS_OK) {
     return bad;
   }
   try {
     auto player = std::make_unique<stgs_player>();
-    player->settings = *settings;
-    player->wanted = wanted_of(*settings);
-    player->wanted.memory = stgs::sdk::caller_memory(settings->allocator);
-    player->tasks = stgs::sdk::caller_tasks(settings->task_runner);
+    player->settings = known;
+    player->wanted = wanted_of(known);
+    player->wanted.memory = stgs::sdk::caller_memory(known.allocator);
+    player->tasks = stgs::sdk::caller_tasks(known.task_runner);
     player->wanted.task_runner = player->tasks.get();
     player->wanted.http.stop = player->stop.get_token();
-    player->scene.log = {settings->log, settings->log_user};
+    player->scene.log = {known.log, known.log_user};
     *out = player.release();
     return STGS_OK;
   } catch (const std::bad_alloc&) {
@@ -249,7 +252,7 @@ stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_stat
     player->note_opened(false);
     if (player->player != nullptr) player->player->advance(now);
     player->take_events();
-    if (status != nullptr) *status = status_of(*player);
+    if (status != nullptr) stgs::sdk::give_struct(status, status_of(*player));
     return {};
   });
 }
@@ -267,7 +270,7 @@ stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event
       player->events.pop_front();
     }
     player->told.event.message = player->told.message.c_str();
-    *event = player->told.event;
+    stgs::sdk::give_struct(event, player->told.event);
     return {};
   });
 }
@@ -277,8 +280,9 @@ stgs_result stgs_player_get_statistics(stgs_player* player, stgs_player_statisti
     STGS_SDK_TRY(stgs::sdk::check_struct(statistics, "statistics"));
     stgs::player::StreamStatistics now;
     if (player->player != nullptr) now = player->player->statistics();
-    *statistics = {sizeof(*statistics), now.bytes_per_second, now.fetched_bytes, now.memory_bytes,
-                   now.stored_primitives};
+    stgs::sdk::give_struct(
+        statistics, {sizeof(*statistics), now.bytes_per_second, now.fetched_bytes, now.memory_bytes,
+                     now.stored_primitives});
     return {};
   });
 }

@@ -7,6 +7,7 @@
 #include "player.h"
 #include "source.h"
 #include "stgs/player/source.h"
+#include "structs.h"
 
 using stgs::player::Player;
 using stgs::sdk::guarded;
@@ -139,9 +140,10 @@ stgs_result stgs_player_open_memory_copy(stgs_player* player, const void* data, 
 stgs_result stgs_player_open_io(stgs_player* player, const stgs_io* io) {
   return guarded(player, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*player));
-    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
-    if (io->read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
-    open_caller_source(*player, *io);
+    stgs_io known{};
+    STGS_SDK_TRY(stgs::sdk::take_struct(io, known, "io"));
+    if (known.read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
+    open_caller_source(*player, known);
     return {};
   });
 }
@@ -149,9 +151,10 @@ stgs_result stgs_player_open_io(stgs_player* player, const stgs_io* io) {
 stgs_result stgs_player_open_async_io(stgs_player* player, const stgs_async_io* io) {
   return guarded(player, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*player));
-    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
-    if (io->begin == nullptr) return {STGS_ERROR_ARGUMENT, "io->begin is NULL"};
-    open_caller_source(*player, *io);
+    stgs_async_io known{};
+    STGS_SDK_TRY(stgs::sdk::take_struct(io, known, "io"));
+    if (known.begin == nullptr) return {STGS_ERROR_ARGUMENT, "io->begin is NULL"};
+    open_caller_source(*player, known);
     return {};
   });
 }

@@ -6,6 +6,7 @@
 #include "scene.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "structs.h"
 
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
@@ -91,9 +92,10 @@ stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
                                       const stgs_primitives* primitives, uint64_t* count) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(scene->check_open());
-    const stgs_primitives none = default_primitives();
-    if (primitives == nullptr) primitives = &none;
-    STGS_SDK_TRY(stgs::sdk::check_struct(primitives, "primitives"));
+    stgs_primitives wanted = default_primitives();
+    if (primitives != nullptr) {
+      STGS_SDK_TRY(stgs::sdk::take_struct(primitives, wanted, "primitives"));
+    }
     if (count == nullptr) return {STGS_ERROR_ARGUMENT, "count is NULL"};
     if (!std::isfinite(seconds)) {
       return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
@@ -103,7 +105,7 @@ stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
     const auto active = timeline.at(seconds);
     scene->tell_losses();
     if (!active.ok()) return active.status();
-    Writer writer(*primitives, timeline.reader().sh_degree(),
+    Writer writer(wanted, timeline.reader().sh_degree(),
                   1.0 / timeline.metadata().time_base.seconds(1.0));
     for (const auto& part : active->parts) add_seen(part, writer);
     *count = writer.count();

@@ -7,6 +7,7 @@
 
 #include "picture.h"
 #include "scene.h"
+#include "structs.h"
 #include "view.h"
 
 using stgs::sdk::guarded;
@@ -43,16 +44,17 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
                             const std::function<Outcome(stgs_renderer&, stgs_backend)>& make) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  const stgs_renderer_settings defaults = default_settings();
-  if (settings == nullptr) settings = &defaults;
-  if (const stgs_result bad = check_struct(settings); bad != STGS_OK) return bad;
-  if (const stgs_result bad = check_task_runner(settings->task_runner); bad != STGS_OK) return bad;
+  stgs_renderer_settings known = default_settings();
+  if (settings != nullptr) {
+    if (const stgs_result bad = take_struct(settings, known); bad != STGS_OK) return bad;
+  }
+  if (const stgs_result bad = check_task_runner(known.task_runner); bad != STGS_OK) return bad;
   std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
   if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
-  renderer->log = {settings->log, settings->log_user};
+  renderer->log = {known.log, known.log_user};
   const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
-    renderer->tasks = caller_tasks(settings->task_runner);
-    Outcome made = make(*renderer, settings->backend);
+    renderer->tasks = caller_tasks(known.task_runner);
+    Outcome made = make(*renderer, known.backend);
     if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
     return made;
   });
@@ -69,36 +71,42 @@ Outcome check_moment(const stgs_scene* scene, double seconds) {
   return {};
 }
 
-Outcome check_view_count(std::uint32_t count) {
-  if (count >= 1 && count <= STGS_MAX_VIEWS) return {};
-  return {STGS_ERROR_ARGUMENT,
-          fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
-}
-
-Outcome check_render(const stgs_scene* scene, double seconds, const stgs_view* views,
-                     const stgs_picture* pictures, std::uint32_t count) {
-  STGS_SDK_TRY(check_moment(scene, seconds));
-  STGS_SDK_TRY(check_view_count(count));
-  if (views == nullptr || pictures == nullptr) {
-    return {STGS_ERROR_ARGUMENT, "views or pictures are NULL"};
+Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
+  if (count < 1 || count > STGS_MAX_VIEWS) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
   }
+  if (views == nullptr) return {STGS_ERROR_ARGUMENT, "views are NULL"};
+  std::array<stgs_view, STGS_MAX_VIEWS> known;
+  known.fill(default_view());
+  STGS_SDK_TRY(take_structs(views, std::span(known).first(count), "views"));
+  renderer.views.clear();
   for (std::uint32_t i = 0; i < count; ++i) {
-    STGS_SDK_TRY(check_view(views[i]));
-    STGS_SDK_TRY(check_picture(pictures[i], views[i].width, views[i].height));
+    STGS_SDK_TRY(check_view(known[i]));
+    renderer.views.push_back(view_of(known[i]));
   }
   return {};
 }
 
-void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
-  renderer.views.clear();
-  for (std::uint32_t i = 0; i < count; ++i) renderer.views.push_back(view_of(views[i]));
+Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
+                    const stgs_view* views, const stgs_picture* pictures, std::uint32_t count,
+                    Pictures& known) {
+  STGS_SDK_TRY(check_moment(scene, seconds));
+  STGS_SDK_TRY(take_views(renderer, views, count));
+  if (pictures == nullptr) return {STGS_ERROR_ARGUMENT, "pictures are NULL"};
+  known = {};
+  STGS_SDK_TRY(take_structs(pictures, std::span(known).first(count), "pictures"));
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const auto& camera = renderer.views[i].camera;
+    STGS_SDK_TRY(check_picture(known[i], static_cast<std::uint32_t>(camera.width),
+                               static_cast<std::uint32_t>(camera.height)));
+  }
+  return {};
 }
 
-Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds, const stgs_view* views,
-             std::uint32_t count) {
+Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
   STGS_SDK_TRY(scene.check_memory(seconds));
   const UseTaskRunner use(renderer.tasks.get());
-  take_views(renderer, views, count);
   const Status drawn = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
   scene.tell_losses();
   return drawn;
@@ -138,11 +146,12 @@ stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out
 stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                         const stgs_view* views, const stgs_picture* pictures, uint32_t count) {
   return guarded(renderer, [&]() -> Outcome {
-    STGS_SDK_TRY(stgs::sdk::check_render(scene, seconds, views, pictures, count));
-    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds, views, count));
+    stgs::sdk::Pictures known;
+    STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));
+    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds));
     STGS_SDK_TRY(renderer->backend->read(renderer->frames));
     for (std::uint32_t i = 0; i < count; ++i) {
-      stgs::sdk::write_picture(renderer->frames[i], pictures[i]);
+      stgs::sdk::write_picture(renderer->frames[i], known[i]);
     }
     return {};
   });

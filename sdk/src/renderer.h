@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <functional>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "object.h"
@@ -29,16 +31,18 @@ namespace stgs::sdk {
 stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_renderer** out,
                             const std::function<Outcome(stgs_renderer&, stgs_backend)>& make);
 
-// A scene to draw, a moment and a number of views are such that can be drawn.
+// A scene to draw and a moment are such that can be drawn.
 Outcome check_moment(const stgs_scene* scene, double seconds);
-Outcome check_view_count(std::uint32_t count);
-// The arguments of a call that draws into pictures.
-Outcome check_render(const stgs_scene* scene, double seconds, const stgs_view* views,
-                     const stgs_picture* pictures, std::uint32_t count);
-// `count` views, which have been checked, into renderer.views.
-void take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count);
-// Draws them; the pictures stay in the backend.
-Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds, const stgs_view* views,
-             std::uint32_t count);
+// The caller's views, checked, into renderer.views.
+Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count);
+
+using Pictures = std::array<stgs_picture, STGS_MAX_VIEWS>;
+// The arguments of a call that draws into pictures, checked: the views into renderer.views, as many
+// of the pictures into `known`.
+Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
+                    const stgs_view* views, const stgs_picture* pictures, std::uint32_t count,
+                    Pictures& known);
+// Draws renderer.views; the pictures stay in the backend.
+Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds);
 
 }  // namespace stgs::sdk

@@ -7,6 +7,7 @@
 
 #include "source.h"
 #include "stgs/player/source.h"
+#include "structs.h"
 
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
@@ -115,18 +116,19 @@ stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings, size_t s
 stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** out) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  const stgs_scene_settings defaults = default_settings();
-  if (settings == nullptr) settings = &defaults;
-  if (const stgs_result bad = stgs::sdk::check_struct(settings); bad != STGS_OK) return bad;
-  if (settings->max_memory < kLeastMemory) return STGS_ERROR_ARGUMENT;
-  if (const stgs_result bad = stgs::sdk::check_allocator(settings->allocator); bad != STGS_OK) {
+  stgs_scene_settings known = default_settings();
+  if (settings != nullptr) {
+    if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
+  }
+  if (known.max_memory < kLeastMemory) return STGS_ERROR_ARGUMENT;
+  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator); bad != STGS_OK) {
     return bad;
   }
   try {
     auto scene = std::make_unique<stgs_scene>();
-    scene->settings = *settings;
-    scene->log = {settings->log, settings->log_user};
-    scene->memory = stgs::sdk::caller_memory(settings->allocator);
+    scene->settings = known;
+    scene->log = {known.log, known.log_user};
+    scene->memory = stgs::sdk::caller_memory(known.allocator);
     *out = scene.release();
     return STGS_OK;
   } catch (const std::bad_alloc&) {
@@ -167,9 +169,10 @@ stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, siz
 stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*scene));
-    STGS_SDK_TRY(stgs::sdk::check_struct(io, "io"));
-    if (io->read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
-    return open_source(*scene, stgs::sdk::callback_source(*io).source);
+    stgs_io known{};
+    STGS_SDK_TRY(stgs::sdk::take_struct(io, known, "io"));
+    if (known.read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
+    return open_source(*scene, stgs::sdk::callback_source(known).source);
   });
 }
 
@@ -204,7 +207,7 @@ stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
     copy3(out.up, metadata.up);
     copy3(out.floor, metadata.floor);
     out.issues = static_cast<std::uint32_t>(timeline.damage().size());
-    *info = out;
+    stgs::sdk::give_struct(info, out);
     return {};
   });
 }
@@ -239,8 +242,8 @@ stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* 
       return {STGS_ERROR_ARGUMENT, fmt::format("issue {} of {}", index, issues.size())};
     }
     const stgs::Issue& found = issues[index];
-    *issue = {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
-              found.message.c_str()};
+    stgs::sdk::give_struct(issue, {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
+                                   found.message.c_str()});
     return {};
   });
 }

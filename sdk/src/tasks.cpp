@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tasks.h"
 
+#include "structs.h"
+
 namespace stgs::sdk {
 namespace {
 
@@ -23,14 +25,17 @@ class CallerTasks final : public TaskRunner {
 
 stgs_result check_task_runner(const stgs_task_runner* runner) {
   if (runner == nullptr) return STGS_OK;
-  if (const stgs_result bad = check_struct(runner); bad != STGS_OK) return bad;
-  const bool usable =
-      runner->run != nullptr && runner->threads >= 1 && runner->threads <= kMostThreads;
+  stgs_task_runner known{};
+  if (const stgs_result bad = take_struct(runner, known); bad != STGS_OK) return bad;
+  const bool usable = known.run != nullptr && known.threads >= 1 && known.threads <= kMostThreads;
   return usable ? STGS_OK : STGS_ERROR_ARGUMENT;
 }
 
 std::unique_ptr<TaskRunner> caller_tasks(const stgs_task_runner* runner) {
-  return runner == nullptr ? nullptr : std::make_unique<CallerTasks>(*runner);
+  if (runner == nullptr) return nullptr;
+  stgs_task_runner known{};
+  (void)take_struct(runner, known);
+  return std::make_unique<CallerTasks>(known);
 }
 
 }  // namespace stgs::sdk

@@ -6,6 +6,7 @@
 
 #include "scene.h"
 #include "stgs/format/camera.h"
+#include "structs.h"
 
 static_assert(STGS_MAX_SIDE == stgs::kMaxPictureSide);
 static_assert(STGS_MAX_VIEWS == stgs::player::kMaxViews);
@@ -14,6 +15,19 @@ using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
 
 namespace stgs::sdk {
+
+stgs_view default_view() {
+  stgs_view view{};
+  view.struct_size = sizeof(view);
+  view.rotation[0] = view.rotation[4] = view.rotation[8] = 1;
+  view.fx = view.fy = view.cx = 640;
+  view.cy = 360;
+  view.width = 1280;
+  view.height = 720;
+  view.near_plane = SceneMetadata{}.near_plane;
+  return view;
+}
+
 namespace {
 
 Outcome wrong(std::string message) {
@@ -29,22 +43,9 @@ bool all_finite(const float (&values)[N]) {
   return std::all_of(values, values + N, [](float v) { return std::isfinite(v); });
 }
 
-stgs_view default_view() {
-  stgs_view view{};
-  view.struct_size = sizeof(view);
-  view.rotation[0] = view.rotation[4] = view.rotation[8] = 1;
-  view.fx = view.fy = view.cx = 640;
-  view.cy = 360;
-  view.width = 1280;
-  view.height = 720;
-  view.near_plane = SceneMetadata{}.near_plane;
-  return view;
-}
-
 }  // namespace
 
 Outcome check_view(const stgs_view& view) {
-  STGS_SDK_TRY(check_struct(&view, "view"));
   if (!is_side(view.width) || !is_side(view.height)) {
     return wrong(fmt::format("a view of {}x{} pixels; each side is 1 to {}", view.width,
                              view.height, STGS_MAX_SIDE));
@@ -65,6 +66,13 @@ Outcome check_view(const stgs_view& view) {
     return wrong(fmt::format("a view's near_plane is {}; it must be positive", view.near_plane));
   }
   if (!all_finite(view.background)) return wrong("a view's background is not finite");
+  if (!std::isfinite(view.fovea_x) || !std::isfinite(view.fovea_y) ||
+      !std::isfinite(view.fovea_radius) || view.fovea_radius < 0) {
+    return wrong(
+        fmt::format("a view's fovea is at {}, {} with a radius of {}; all are finite, and "
+                    "the radius is not negative",
+                    view.fovea_x, view.fovea_y, view.fovea_radius));
+  }
   return {};
 }
 
@@ -81,6 +89,7 @@ player::View view_of(const stgs_view& view) {
   player::View out;
   out.camera = pinhole_of(camera, view.near_plane);
   out.background = {view.background[0], view.background[1], view.background[2]};
+  if (view.fovea_radius > 0) out.fovea = Fovea{{view.fovea_x, view.fovea_y}, view.fovea_radius};
   return out;
 }
 
@@ -93,18 +102,23 @@ stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size) {
 }
 
 stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
-  if (const stgs_result bad = stgs::sdk::check_struct(view); bad != STGS_OK) return bad;
-  for (const uint32_t side : {width, height, view->width, view->height}) {
+  stgs_view out = stgs::sdk::default_view();
+  if (const stgs_result bad = stgs::sdk::take_struct(view, out); bad != STGS_OK) return bad;
+  for (const uint32_t side : {width, height, out.width, out.height}) {
     if (!stgs::sdk::is_side(side)) return STGS_ERROR_ARGUMENT;
   }
-  const double x = static_cast<double>(width) / view->width;
-  const double y = static_cast<double>(height) / view->height;
-  view->fx = static_cast<float>(view->fx * x);
-  view->cx = static_cast<float>(view->cx * x);
-  view->fy = static_cast<float>(view->fy * y);
-  view->cy = static_cast<float>(view->cy * y);
-  view->width = width;
-  view->height = height;
+  const double x = static_cast<double>(width) / out.width;
+  const double y = static_cast<double>(height) / out.height;
+  out.fx = static_cast<float>(out.fx * x);
+  out.cx = static_cast<float>(out.cx * x);
+  out.fy = static_cast<float>(out.fy * y);
+  out.cy = static_cast<float>(out.cy * y);
+  out.fovea_x = static_cast<float>(out.fovea_x * x);
+  out.fovea_y = static_cast<float>(out.fovea_y * y);
+  out.fovea_radius = static_cast<float>(out.fovea_radius * std::sqrt(x * y));
+  out.width = width;
+  out.height = height;
+  stgs::sdk::give_struct(view, out);
   return STGS_OK;
 }
 
@@ -117,7 +131,7 @@ stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
     out.near_plane = metadata.near_plane;
     std::copy_n(metadata.background, 3, out.background);
     if (!metadata.start_camera) {
-      *view = out;
+      stgs::sdk::give_struct(view, out);
       return stgs::unsupported("{}: has no start camera", scene->timeline->name());
     }
     const stgs::StartCamera& start = *metadata.start_camera;
@@ -129,7 +143,7 @@ stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
     out.cy = start.cy;
     out.width = start.width;
     out.height = start.height;
-    *view = out;
+    stgs::sdk::give_struct(view, out);
     return {};
   });
 }

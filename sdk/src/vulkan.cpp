@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drawing on a Vulkan device of the caller's: stgs/stgs_vulkan.h.
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <utility>
 
@@ -8,18 +9,22 @@
 #include "scene.h"
 #include "stgs/player/vulkan_renderer.h"
 #include "stgs/stgs_vulkan.h"
+#include "structs.h"
 #include "view.h"
 
 static_assert(STGS_VULKAN_FRAMES_ON_THE_WAY == stgs::player::VulkanRenderer::kFramesOnTheWay);
 
 using stgs::sdk::check_struct;
+using stgs::sdk::give_struct;
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
+using stgs::sdk::take_struct;
 
 namespace {
 
 stgs_vulkan_target default_target() {
   stgs_vulkan_target target{};
+  target.struct_size = sizeof(target);
   target.colour.final_layout = target.depth.final_layout = VK_IMAGE_LAYOUT_GENERAL;
   return target;
 }
@@ -58,13 +63,14 @@ stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& m
 
 Outcome make_on_device(stgs_renderer& renderer, stgs_backend backend,
                        const stgs_vulkan_device* device) {
-  STGS_SDK_TRY(check_struct(device, "device"));
+  stgs_vulkan_device known{};
+  STGS_SDK_TRY(take_struct(device, known, "device"));
   if (backend != STGS_BACKEND_AUTO && backend != STGS_BACKEND_VULKAN) {
     return {STGS_ERROR_ARGUMENT,
             fmt::format("backend {} does not draw on a Vulkan device", backend)};
   }
   MadeWith made_with;
-  auto made = stgs::player::make_vulkan_renderer(device_of(*device, made_with));
+  auto made = stgs::player::make_vulkan_renderer(device_of(known, made_with));
   if (!made.ok()) return made.status();
   renderer.vulkan = made->get();
   renderer.backend = std::move(made).value();
@@ -78,20 +84,25 @@ Outcome check_vulkan(const stgs_renderer& renderer) {
           "stgs_vulkan_renderer_create"};
 }
 
-Outcome check_frame(const stgs_vulkan_frame* frame) {
-  STGS_SDK_TRY(check_struct(frame, "frame"));
-  STGS_SDK_TRY(stgs::sdk::check_view_count(frame->count));
-  if (frame->views == nullptr || frame->targets == nullptr) {
-    return {STGS_ERROR_ARGUMENT, "views or targets are NULL"};
-  }
-  if ((frame->wait == nullptr && frame->wait_count > 0) ||
-      (frame->signal == nullptr && frame->signal_count > 0)) {
+// A frame as this version knows it.
+struct KnownFrame {
+  stgs_vulkan_frame frame{};
+  std::array<stgs_vulkan_target, STGS_MAX_VIEWS> targets;
+};
+// Checked; the views into renderer.views.
+Outcome take_frame(stgs_renderer& renderer, const stgs_vulkan_frame* given, KnownFrame& known) {
+  stgs_vulkan_frame& frame = known.frame;
+  STGS_SDK_TRY(take_struct(given, frame, "frame"));
+  STGS_SDK_TRY(stgs::sdk::take_views(renderer, frame.views, frame.count));
+  if (frame.targets == nullptr) return {STGS_ERROR_ARGUMENT, "targets are NULL"};
+  if ((frame.wait == nullptr && frame.wait_count > 0) ||
+      (frame.signal == nullptr && frame.signal_count > 0)) {
     return {STGS_ERROR_ARGUMENT, "wait or signal is NULL, with semaphores in it"};
   }
-  for (std::uint32_t i = 0; i < frame->count; ++i) {
-    STGS_SDK_TRY(stgs::sdk::check_view(frame->views[i]));
-    STGS_SDK_TRY(check_struct(&frame->targets[i], "target"));
-  }
+  known.targets.fill(default_target());
+  STGS_SDK_TRY(stgs::sdk::take_structs(frame.targets, std::span(known.targets).first(frame.count),
+                                       "targets"));
+  frame.targets = known.targets.data();
   return {};
 }
 
@@ -139,19 +150,19 @@ stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t struct_s
 
 stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
                                     stgs_vulkan_support* support) {
-  if (const stgs_result bad = check_struct(device); bad != STGS_OK) return bad;
+  stgs_vulkan_device known{};
+  if (const stgs_result bad = take_struct(device, known); bad != STGS_OK) return bad;
   if (const stgs_result bad = check_struct(support); bad != STGS_OK) return bad;
   try {
-    const auto found =
-        stgs::player::vulkan_support(device->get_instance_proc_addr, device->instance,
-                                     device->api_version, device->physical_device);
+    const auto found = stgs::player::vulkan_support(known.get_instance_proc_addr, known.instance,
+                                                    known.api_version, known.physical_device);
     if (!found.ok()) return Outcome(found.status()).result;
     stgs_vulkan_support out{};
     out.struct_size = sizeof(out);
     out.can_draw = found->lacks.empty() ? 1 : 0;
     out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
     found->lacks.copy(out.lacks, sizeof(out.lacks) - 1);
-    *support = out;
+    give_struct(support, out);
     return STGS_OK;
   } catch (const std::bad_alloc&) {
     return STGS_ERROR_OUT_OF_MEMORY;
@@ -174,12 +185,12 @@ stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, doubl
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_vulkan(*renderer));
     STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
-    STGS_SDK_TRY(check_frame(frame));
+    KnownFrame known;
+    STGS_SDK_TRY(take_frame(*renderer, frame, known));
     STGS_SDK_TRY(scene->check_memory(seconds));
     const stgs::UseTaskRunner use(renderer->tasks.get());
-    stgs::sdk::take_views(*renderer, frame->views, frame->count);
-    const auto submitted =
-        renderer->vulkan->submit(*scene->timeline, seconds, renderer->views, submission_of(*frame));
+    const auto submitted = renderer->vulkan->submit(*scene->timeline, seconds, renderer->views,
+                                                    submission_of(known.frame));
     scene->tell_losses();
     if (!submitted.ok()) return submitted.status();
     if (number != nullptr) *number = *submitted;
@@ -210,7 +221,7 @@ stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progre
       out.prepare_ms = ended->stats.fetch_ms;
       out.device_ms = ended->stats.device_ms;
     }
-    *progress = out;
+    give_struct(progress, out);
     return {};
   });
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
@@ -95,6 +96,36 @@ inline std::vector<std::uint8_t> draw_rgba8(stgs_renderer* renderer, stgs_scene*
   picture.rgba8 = {pixels.data(), 0, pixels.size()};
   REQUIRE(stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK);
   return pixels;
+}
+
+// Of the same moment: within the view's fovea the pictures are the same, beyond it near each other.
+inline void check_foveated(const std::vector<std::uint8_t>& whole,
+                           const std::vector<std::uint8_t>& drawn, const stgs_view& view) {
+  REQUIRE(drawn.size() == whole.size());
+  double squares = 0;
+  std::size_t wrong = 0, within = 0, beyond = 0, changed = 0;
+  for (std::uint32_t y = 0; y < view.height; ++y) {
+    for (std::uint32_t x = 0; x < view.width; ++x) {
+      const float dx = static_cast<float>(x) + 0.5f - view.fovea_x;
+      const float dy = static_cast<float>(y) + 0.5f - view.fovea_y;
+      const bool is_within = dx * dx + dy * dy <= view.fovea_radius * view.fovea_radius;
+      within += is_within ? 1 : 0;
+      beyond += is_within ? 0 : 1;
+      for (std::size_t c = 0; c < 4; ++c) {
+        const std::size_t i = 4 * (std::size_t{y} * view.width + x) + c;
+        const int difference = int{drawn[i]} - int{whole[i]};
+        wrong += is_within && difference != 0 ? 1 : 0;
+        changed += !is_within && difference != 0 ? 1 : 0;
+        squares += is_within ? 0 : difference * difference;
+      }
+    }
+  }
+  CHECK(wrong == 0);
+  CHECK(within > 1000);
+  CHECK(changed > beyond / 4);
+  const double psnr = 10 * std::log10(255.0 * 255.0 * 4 * static_cast<double>(beyond) / squares);
+  INFO(psnr << " dB beyond the fovea");
+  CHECK(psnr > 30);
 }
 
 }  // namespace stgs::testing

@@ -147,6 +147,34 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
   CHECK(largest < 1e-4f);
 }
 
+TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[sdk]") {
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  const RendererPtr renderer = cpu_renderer();
+  stgs_view view = start_view(scene.get());
+  REQUIRE(stgs_view_resize(&view, 4 * kSdkWidth, 4 * kSdkHeight) == STGS_OK);
+  const auto whole = draw_rgba8(renderer.get(), scene.get(), 0.5, view);
+  stgs_view with_fovea = view;
+  with_fovea.fovea_x = 100;
+  with_fovea.fovea_y = 80;
+  CHECK(draw_rgba8(renderer.get(), scene.get(), 0.5, with_fovea) == whole);  // of no radius: none
+  with_fovea.fovea_radius = 50;
+  check_foveated(whole, draw_rgba8(renderer.get(), scene.get(), 0.5, with_fovea), with_fovea);
+
+  REQUIRE(stgs_view_resize(&with_fovea, 8 * kSdkWidth, 2 * kSdkHeight) == STGS_OK);
+  CHECK(with_fovea.fovea_x == 200);
+  CHECK(with_fovea.fovea_y == 40);
+  CHECK(with_fovea.fovea_radius == 50);
+  for (const auto member : {&stgs_view::fovea_x, &stgs_view::fovea_y, &stgs_view::fovea_radius}) {
+    stgs_view wrong = with_fovea;
+    wrong.*member = NAN;
+    stgs_picture picture = empty_picture();
+    std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
+    picture.rgba8 = {pixels.data(), 0, pixels.size()};
+    CHECK(stgs_render(renderer.get(), scene.get(), 0, &wrong, &picture, 1) == STGS_ERROR_ARGUMENT);
+  }
+}
+
 TEST_CASE("two threads draw two scenes at once", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);

@@ -259,7 +259,7 @@ TEST_CASE("a player's limits hold before anything is fetched", "[sdk]") {
   settings.fetches = 0;
   CHECK(stgs_player_create(&settings, &none) == STGS_ERROR_ARGUMENT);
   settings = player_settings();
-  settings.struct_size -= 8;
+  settings.struct_size -= 4;
   CHECK(stgs_player_create(&settings, &none) == STGS_ERROR_STRUCT_SIZE);
   CHECK(none == nullptr);
 }

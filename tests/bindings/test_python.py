@@ -154,6 +154,12 @@ class Pictures(unittest.TestCase):
         self.assertEqual(self.view.background.tolist(), [0, 0, 0])
         small = self.view.resized(32, 24)
         self.assertEqual((small.width, small.height, small.fx), (32, 24, self.view.fx / 2))
+        fovea = self.view.resized(256, 192)
+        whole = self.renderer.render(self.scene, 0.1, fovea).rgba8
+        fovea.fovea_x, fovea.fovea_y, fovea.fovea_radius = 60, 50, 40
+        drawn = self.renderer.render(self.scene, 0.1, fovea).rgba8
+        np.testing.assert_array_equal(drawn[22:78, 32:88], whole[22:78, 32:88])
+        self.assertTrue((drawn[128:192:2] == drawn[129:192:2]).all())
         rotation = stgs.View().rotation  # keeps the view, which has no other name
         gc.collect()
         np.testing.assert_array_equal(rotation, np.eye(3))

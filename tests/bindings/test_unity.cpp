@@ -214,7 +214,11 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   REQUIRE(handle > 0);
   // An object as it is, and one of another size, turned and moved.
   const auto [scale, angle] = GENERATE(std::pair{1.0, 0.0}, std::pair{2.5, 0.7});
-  const stgs_unity_camera camera = unity_camera(view, scale, angle, {3 * angle, -2 * angle, angle});
+  stgs_unity_camera camera = unity_camera(view, scale, angle, {3 * angle, -2 * angle, angle});
+  view.fovea_x = camera.fovea_x = 20;
+  view.fovea_y = 14;
+  camera.fovea_y = static_cast<float>(view.height) - 14;
+  view.fovea_radius = camera.fovea_radius = 8;
   REQUIRE(host.wait_open(handle, camera) == STGS_PLAYER_PAUSED);
   REQUIRE(stgs_player_seek(host.plugin.player(handle), 0.4) == STGS_OK);
   stgs_player_status status{};
@@ -295,6 +299,8 @@ TEST_CASE("cameras that are none are refused", "[unity]") {
   };
   CHECK(refused([](auto& c) { c.local_to_world[0] = 2; }));   // scales differ
   CHECK(refused([](auto& c) { c.local_to_world[0] = -1; }));  // mirrored
+  CHECK(refused([](auto& c) { c.fovea_radius = -1; }));
+  CHECK(refused([](auto& c) { c.fovea_y = NAN; }));
   CHECK(refused([](auto& c) { c.world_to_camera[3] = 1; }));  // not affine
   CHECK(refused([](auto& c) { c.world_to_camera[0] = NAN; }));
   CHECK(refused([](auto& c) { c.projection[11] = 0, c.projection[15] = 1; }));  // orthographic

@@ -194,6 +194,9 @@ void declare_view(py::module_& module) {
   property("width", &stgs_view::width);
   property("height", &stgs_view::height);
   property("near_plane", &stgs_view::near_plane);
+  property("fovea_x", &stgs_view::fovea_x);
+  property("fovea_y", &stgs_view::fovea_y);
+  property("fovea_radius", &stgs_view::fovea_radius);
   view.def_property_readonly("rotation", [](const py::object& self) {
     return array_of(self, self.cast<View&>().view.rotation, {3, 3});
   });

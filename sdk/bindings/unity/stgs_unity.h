@@ -38,11 +38,14 @@ typedef struct stgs_unity_camera {
   float world_to_camera[16]; /* Camera.worldToCameraMatrix, or of an eye GetStereoViewMatrix */
   float projection[16];      /* Camera.projectionMatrix, or GetStereoProjectionMatrix */
   uint32_t width, height;    /* of the textures, pixels */
+  /* As of stgs_view, but counted from the textures' first row, the lower one. 0: none. */
+  float fovea_x, fovea_y, fovea_radius;
 } stgs_unity_camera;
 
 /* Moves the player on to `clock`, seconds, and keeps 1 to STGS_MAX_VIEWS cameras for the next
  * render event. The player's state (STGS_PLAYER_), or -result: STGS_ERROR_ARGUMENT is a handle that
- * there is not, a camera that is not one of perspective, or an object of several scales. */
+ * there is not, a camera that is not one of perspective, or an object of several scales, or a fovea
+ * that is none. */
 STGS_API int32_t stgs_unity_frame(int32_t handle, double clock, const stgs_unity_camera* cameras,
                                   uint32_t count);
 

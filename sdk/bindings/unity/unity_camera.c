@@ -59,6 +59,8 @@ int stgs_unity_view(const stgs_unity_camera* camera, stgs_view* view, float* uni
   const float* p = camera->projection;
   double rows[3][4], scale, cross[3];
   int row, k;
+  if (!isfinite(camera->fovea_x) || !isfinite(camera->fovea_y)) return 0;
+  if (!isfinite(camera->fovea_radius) || camera->fovea_radius < 0) return 0;
   if (!is_affine(camera->world_to_camera) || !is_affine(camera->local_to_world)) return 0;
   /* x and y of a perspective projection, divided by -z: no shear, and nothing else. */
   if (at(p, 3, 2) != -1 || at(p, 3, 3) != 0 || at(p, 0, 1) != 0 || at(p, 1, 0) != 0) return 0;
@@ -89,6 +91,9 @@ int stgs_unity_view(const stgs_unity_camera* camera, stgs_view* view, float* uni
   view->fy = (float)(at(p, 1, 1) * camera->height / 2);
   view->cx = (float)((1 - at(p, 0, 2)) * camera->width / 2);
   view->cy = (float)((1 + at(p, 1, 2)) * camera->height / 2);
+  view->fovea_x = camera->fovea_x;
+  view->fovea_y = (float)camera->height - camera->fovea_y;
+  view->fovea_radius = camera->fovea_radius;
   /* The near plane n is where z comes out as -1: n (P22 - 1) = P23. */
   view->near_plane = (float)(at(p, 2, 3) / (at(p, 2, 2) - 1) / scale);
   *unit = (float)scale;

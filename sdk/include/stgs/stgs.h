@@ -3,7 +3,10 @@
  *
  * Objects are opaque, made by a _create function and given back by the _destroy function of the
  * same name, which takes NULL. A struct begins with its size, which the caller sets to its sizeof
- * (the _defaults functions do it): a later library keeps to the fields that the caller knows.
+ * (the _defaults functions do it), all elements of an array to the same; structs grow at their end.
+ * Of a caller with an older header, a later library takes the members that it lacks as their
+ * defaults, and writes none of them. Of a caller with a later header, an older library writes 0 to
+ * the members that it does not know, and takes them only as 0 (else STGS_ERROR_STRUCT_SIZE).
  *
  * Threads: objects are independent of each other, and an object is used by one thread at a time,
  * whichever; the functions without an object may be called at any time. What a line says otherwise
@@ -43,7 +46,8 @@ typedef int32_t stgs_result;
 enum {
   STGS_OK = 0,
   STGS_ERROR_ARGUMENT = 10,    /* a call that makes no sense; a message says why */
-  STGS_ERROR_STRUCT_SIZE = 11, /* struct_size is none that this library knows */
+  STGS_ERROR_STRUCT_SIZE = 11, /* struct_size is none of a struct's, or larger than this library's
+                                * with something set that this library does not know */
   STGS_ERROR_STATE = 12,       /* not now: no scene is open, or one is already */
   STGS_ERROR_IO = 20,          /* a file or source could not be read */
   STGS_ERROR_INVALID_FILE = 30,
@@ -276,6 +280,10 @@ typedef struct stgs_view {
   uint32_t width, height; /* pixels, 1 to STGS_MAX_SIDE */
   float near_plane;       /* scene units, > 0: nothing nearer is drawn */
   float background[3];
+  /* Where the eye looks, pixels, also outside of the picture. Squares of 32 x 32 pixels all of
+   * which are farther from there than fovea_radius are drawn at half resolution. */
+  float fovea_x, fovea_y;
+  float fovea_radius; /* pixels, >= 0; 0 (default): full resolution everywhere */
 } stgs_view;
 
 /* At the world's origin, looking along z, 90 degrees wide, 1280 x 720, over black. `struct_size` is
@@ -285,7 +293,8 @@ STGS_API stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size);
  * STGS_ERROR_UNSUPPORTED where it has no start camera: then *view has the defaults with these two.
  * view->struct_size is set by the caller. */
 STGS_API stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view);
-/* The same camera with pictures of another size; the view angle is kept an axis each. */
+/* The same camera with pictures of another size; the view angle is kept an axis each, and the part
+ * of the picture that the fovea covers. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);
 
 /* Rows of pixels in the caller's memory. */
