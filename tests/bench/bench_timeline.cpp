@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a player must read of a long timeline: its first read, and a seek to each frame; as JSON.
 //   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS]
-//                  [--own-layouts 0|1] [-o FILE.stgs]
+//                  [--own-layouts 0|1] [--stretches K] [-o FILE.stgs]
 // A tenth of the primitives live through all of it. The lives of the others begin anywhere and last
-// from 0.1 to 20 seconds, each octave as often as any other.
+// from 0.1 to 20 seconds, each octave as often as any other. With --stretches it is recorded in K
+// stretches, each such a timeline, which takes the memory of one.
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string_view>
 
@@ -18,6 +20,7 @@
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/output_file.h"
+#include "stgs/format/scene_recorder.h"
 
 using namespace stgs;
 
@@ -28,7 +31,8 @@ struct Options {
   std::uint32_t frames = 18'000;
   int degree = 3;
   double chunk_seconds = 0;
-  bool own_layouts = false;  // as a recorder writes
+  bool own_layouts = false;     // as a recorder writes
+  std::uint32_t stretches = 0;  // 0: written in one
   std::string output;
 };
 
@@ -37,13 +41,12 @@ constexpr double kShortest = 0.1 * kFps, kLongest = 20.0 * kFps;  // lives, fram
 // Two ranges this near are fetched as one.
 constexpr std::uint64_t kGap = 16 * 1024;
 
-Scene timeline(const Options& options) {
-  Scene scene =
-      testing::random_scene(options.primitives, options.degree, options.frames, /*seed=*/17);
-  std::mt19937 random(23);
+Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigned seed) {
+  Scene scene = testing::random_scene(primitives, degree, frames, 17 + seed);
+  std::mt19937 random(23 + seed);
   std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
   Gaussians4D& set = scene.gaussians;
-  const auto clip = static_cast<float>(options.frames);
+  const auto clip = static_cast<float>(frames);
   for (std::size_t i = 0; i < set.size(); ++i) {
     set.opacity_logit[i] = std::clamp(set.opacity_logit[i], -3.0f, 6.0f);
     if (i % 10 == 0) {
@@ -179,22 +182,48 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
                         {"decoded_bytes", memory.json()}};
 }
 
-Status run(const Options& options) {
-  std::vector<std::uint8_t> bytes;
-  double encode_s = 0;
-  {
-    const Scene scene = timeline(options);
-    WriteSettings settings;
-    settings.profile = Profile::kQuantised;
-    settings.chunk_seconds = options.chunk_seconds;
-    settings.own_layouts = options.own_layouts;
-    const auto start = std::chrono::steady_clock::now();
-    STGS_ASSIGN(bytes, encode_scene(scene, settings));
-    encode_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  }
-  if (!options.output.empty()) STGS_TRY(write_file_atomically(options.output, bytes));
+// Writes it in one, to memory and, where it is asked for, to the file.
+Result<std::unique_ptr<ByteSource>> write(const Options& options, const WriteSettings& settings,
+                                          double& encode_s) {
+  const Scene scene = timeline(options.primitives, options.degree, options.frames, 0);
   const auto start = std::chrono::steady_clock::now();
-  STGS_ASSIGN(const auto reader, SceneReader::open(memory_source(std::move(bytes))));
+  STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(scene, settings));
+  encode_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (!options.output.empty()) STGS_TRY(write_file_atomically(options.output, bytes));
+  return memory_source(std::move(bytes));
+}
+
+// Records it to the file.
+Result<std::unique_ptr<ByteSource>> record(const Options& options, const WriteSettings& settings,
+                                           double& encode_s) {
+  const std::uint32_t frames = options.frames / options.stretches;
+  std::filesystem::remove(options.output);
+  std::unique_ptr<SceneRecorder> recorder;
+  for (std::uint32_t k = 0; k < options.stretches; ++k) {
+    const Scene scene = timeline(options.primitives / options.stretches, options.degree, frames, k);
+    const auto start = std::chrono::steady_clock::now();
+    if (recorder == nullptr) {
+      STGS_ASSIGN(recorder, SceneRecorder::create(options.output, scene.metadata, options.degree,
+                                                  {settings, /*sync=*/false}));
+    }
+    STGS_TRY(recorder->append(scene.gaussians, frames * (k + 1)));
+    encode_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  STGS_TRY(recorder->close());
+  return open_file(options.output);
+}
+
+Status run(const Options& options) {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.chunk_seconds = options.chunk_seconds;
+  settings.own_layouts = options.own_layouts;
+  double encode_s = 0;
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, options.stretches > 0
+                                                      ? record(options, settings, encode_s)
+                                                      : write(options, settings, encode_s));
+  const auto start = std::chrono::steady_clock::now();
+  STGS_ASSIGN(const auto reader, SceneReader::open(std::move(source)));
   const std::chrono::duration<double> open_s = std::chrono::steady_clock::now() - start;
   STGS_ASSIGN(nlohmann::json seeks, measure(*reader));
   const DecoderNeeds needs = decoder_needs(*reader);
@@ -233,13 +262,16 @@ bool parse(int argc, char** argv, Options& options) {
       options.chunk_seconds = std::strtod(argv[i + 1], nullptr);
     } else if (name == "--own-layouts") {
       options.own_layouts = std::atoi(argv[i + 1]) != 0;
+    } else if (name == "--stretches") {
+      options.stretches = static_cast<std::uint32_t>(std::strtoul(argv[i + 1], nullptr, 10));
     } else if (name == "-o") {
       options.output = argv[i + 1];
     } else {
       return false;
     }
   }
-  return true;
+  // A recording is a file.
+  return options.stretches == 0 || (!options.output.empty() && options.stretches <= options.frames);
 }
 
 }  // namespace
@@ -249,7 +281,7 @@ int main(int argc, char** argv) {
   if (!parse(argc, argv, options)) {
     std::fprintf(stderr,
                  "usage: bench_timeline [--primitives N] [--frames F] [--degree D] "
-                 "[--chunk SECONDS] [--own-layouts 0|1] [-o FILE.stgs]\n");
+                 "[--chunk SECONDS] [--own-layouts 0|1] [--stretches K] [-o FILE.stgs]\n");
     return 1;
   }
   const Status status = run(options);
