@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The Python module: scenes, pictures in numpy's memory, primitives, errors, threads.
+"""The Python module: scenes, players, pictures in numpy's memory, primitives, errors, threads.
 
 usage: test_python.py FIXTURE_PROGRAM STGS [unittest arguments], with the module on PYTHONPATH
 """
@@ -238,6 +238,108 @@ class Pictures(unittest.TestCase):
         self.assertEqual(len(pictures), 20)
         for picture in pictures:
             np.testing.assert_array_equal(picture, expected)
+
+
+class Players(unittest.TestCase):
+    def until(self, player, holds, seconds=60):
+        """Updates in real time until a status is as it should be."""
+        end = time.monotonic() + seconds
+        while not holds(status := player.update()):
+            self.assertLess(time.monotonic(), end)
+            time.sleep(0.001)
+        return status
+
+    def test_a_clip_is_played_to_its_end_and_round(self):
+        for source in path("tiny.stgs"), content("tiny.stgs"):
+            player = stgs.Player(source, ahead_seconds=5, fetches=2)
+            player.wait_open()
+            self.assertEqual([e.kind for e in player.events()], ["opened"])
+            player.play()
+            moments = []
+            while (status := player.update()).state != "ended":
+                moments.append(status.seconds)
+            self.assertEqual(moments, sorted(moments))
+            info = player.scene.info
+            self.assertAlmostEqual(status.seconds, info.duration_seconds - 1 / info.fps)
+            self.assertIn("ended", [e.kind for e in player.events()])
+            player.loop = True
+            player.rate = 4
+            player.play()
+            looped = []
+            while not looped:
+                player.update()
+                looped = [e for e in player.events() if e.kind == "looped"]
+            self.assertEqual((player.rate, player.loop), (4, True))
+            self.assertEqual((looped[0].code, looped[0].offset, looped[0].message), (0, None, ""))
+
+    def test_a_settled_moment_is_the_scenes_picture(self):
+        scene, renderer = stgs.Scene(path("tiny.stgs")), stgs.Renderer("cpu")
+        player = stgs.Player(path("tiny.stgs"))
+        player.wait_open()
+        player.seek_frame(3)
+        status = self.until(player, lambda s: s.settled)
+        self.assertEqual((status.state, status.ready), ("paused", True))
+        self.assertEqual(status.layers, status.layers_of_file)
+        view = player.scene.start_view()
+        drawn = renderer.render(player.scene, status.seconds, view)
+        np.testing.assert_array_equal(drawn.rgba8, renderer.render(scene, status.seconds, view).rgba8)
+        begin, end = player.buffered[0]
+        self.assertTrue(begin <= status.seconds <= end)
+        self.assertEqual(player.statistics.stored_primitives, scene.info.primitives)
+        of_player = player.scene  # keeps the player, which has no other name
+        del player
+        gc.collect()
+        self.assertEqual(len(of_player.primitives(0.1)), len(scene.primitives(0.1)))
+
+    def test_what_cannot_be_is_told(self):
+        player = stgs.Player(path("no such file"))
+        with self.assertRaises(stgs.Error) as caught:
+            player.wait_open()
+        self.assertEqual(caught.exception.name, "STGS_ERROR_IO")
+        self.assertIn("no such file", str(caught.exception))
+        (event,) = player.events()
+        self.assertEqual((event.kind, event.name), ("failed", "STGS_ERROR_IO"))
+        self.assertEqual(player.update().state, "closed")
+        for call in lambda: player.scene, lambda: player.seek(0):
+            with self.assertRaises(stgs.Error) as caught:
+                call()
+            self.assertEqual(caught.exception.name, "STGS_ERROR_STATE")
+        for settings in {"fetches": 0}, {"memory_budget": 1}, {"ahead_seconds": math.nan}:
+            with self.assertRaises(stgs.Error):
+                stgs.Player(path("tiny.stgs"), **settings)
+        with self.assertRaises(TypeError):
+            stgs.Player(path("tiny.stgs"), patience=1)
+        with self.assertRaises(stgs.Error):
+            player.rate = 0
+        self.assertEqual(player.rate, 1)
+
+    def test_one_thread_updates_while_another_draws(self):
+        player, renderer = stgs.Player(content("tiny.stgs")), stgs.Renderer("cpu")
+        player.loop = True
+        player.play()
+        self.until(player, lambda s: s.ready)
+        view = player.scene.start_view()
+        drawn, done = [], threading.Event()
+
+        def draw():
+            while not done.is_set():
+                drawn.append(renderer.render(player.scene, 0.1, view).rgba8)
+
+        drawing = threading.Thread(target=draw)
+        drawing.start()
+        now = time.monotonic()
+        while len(drawn) < 20:
+            player.update(now := now + 0.01)
+        done.set()
+        drawing.join()
+        self.assertGreater(drawn[-1].max(), 0)
+
+    def test_players_end_at_any_moment(self):
+        for i in range(50):
+            player = stgs.Player(content("tiny.stgs"))
+            player.play()
+            if i % 2:
+                player.update()
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ void translate(const py::object& type, const Failure& failure) {
 PYBIND11_MODULE(stgs, module) {
   using namespace stgs::python;
   module.doc() =
-      "Opens .stgs scenes and draws them into numpy arrays. Calls do not hold the interpreter's "
+      "Opens and plays .stgs scenes and draws them into numpy arrays. Calls do not hold the "
+      "interpreter's "
       "lock; objects may be used by several threads, which then wait for each other. The library's "
       "log goes to logging.getLogger('stgs').";
   const std::uint32_t version = stgs_version();
@@ -29,7 +30,8 @@ PYBIND11_MODULE(stgs, module) {
                                std::to_string(version % 1000);
   const py::object made = py::reinterpret_steal<py::object>(PyErr_NewExceptionWithDoc(
       "stgs.Error",
-      "What a call on a scene or renderer failed with: code and name of the result (stgs.h), "
+      "What a call on a scene, player or renderer failed with: code and name of the result "
+      "(stgs.h), "
       "offset (byte of the file, or None) and issue (as `stgs validate` numbers it, or 0).",
       PyExc_RuntimeError, nullptr));
   if (!made) throw py::error_already_set();
@@ -45,4 +47,5 @@ PYBIND11_MODULE(stgs, module) {
   });
   declare_scene(module);
   declare_pictures(module);
+  declare_player(module);
 }

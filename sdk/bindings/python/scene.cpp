@@ -137,25 +137,36 @@ void declare_primitives(py::module_& module) {
 
 }  // namespace
 
-Scene::Scene(const py::object& source, const stgs_scene_settings& settings) {
+Source::Source(const py::object& source) {
+  if (PyObject_CheckBuffer(source.ptr()) == 0) {
+    place_ = py::module_::import("os").attr("fspath")(source).cast<std::string>();
+    return;
+  }
+  bytes_ = py::reinterpret_borrow<py::buffer>(source).request();
+  if (PyBuffer_IsContiguous(bytes_.view(), 'C') == 0)
+    throw py::buffer_error("a scene's bytes must lie side by side");
+  size_ = static_cast<std::size_t>(bytes_.size * bytes_.itemsize);
+}
+
+Scene::Scene(const py::object& source, const stgs_scene_settings& settings)
+    : log_(std::make_shared<Log>()), source_(source) {
   stgs_scene_settings own = settings;
   own.log = Log::take;
-  own.log_user = &log_;
+  own.log_user = log_.get();
   stgs_scene* made = nullptr;
   if (const stgs_result result = stgs_scene_create(&own, &made); result != STGS_OK)
     throw Failure(result, "these limits are none");
   scene_.reset(made);
-  if (PyObject_CheckBuffer(source.ptr()) != 0) {
-    borrowed_ = py::reinterpret_borrow<py::buffer>(source).request();
-    const auto bytes = static_cast<std::size_t>(borrowed_.size * borrowed_.itemsize);
-    if (PyBuffer_IsContiguous(borrowed_.view(), 'C') == 0)
-      throw py::buffer_error("a scene's bytes must lie side by side");
-    run([&](stgs_scene* s) { return stgs_scene_open_memory(s, borrowed_.ptr, bytes); });
-    return;
-  }
-  const auto place = py::module_::import("os").attr("fspath")(source).cast<std::string>();
-  run([&](stgs_scene* s) { return stgs_scene_open(s, place.c_str()); });
+  run([&](stgs_scene* s) {
+    return source_->open(
+        [&](const char* place) { return stgs_scene_open(s, place); },
+        [&](const void* data, std::size_t size) { return stgs_scene_open_memory(s, data, size); });
+  });
 }
+
+// The library leaves a player's scene to the player, whoever destroys it.
+Scene::Scene(stgs_scene* of_player, std::shared_ptr<Log> log)
+    : log_(std::move(log)), scene_(of_player) {}
 
 void declare_scene(py::module_& module) {
   declare_info(module);

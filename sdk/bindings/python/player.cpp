@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+// Playing a scene while it is still coming.
+#include <pybind11/stl.h>
+
+#include <array>
+#include <chrono>
+
+#include "classes.h"
+
+namespace stgs::python {
+namespace {
+
+// Index: stgs_player_state.
+constexpr std::array kStates = {"closed", "opening", "paused", "playing", "buffering", "ended"};
+// Index: stgs_event_kind.
+constexpr std::array kEvents = {"none",  "opened", "failed", "buffering", "resumed", "looped",
+                                "ended", "layers", "retry",  "lost",      "damaged", "replaced"};
+
+template <typename Names>
+const char* name_of(const Names& names, std::int32_t index) {
+  const auto i = static_cast<std::size_t>(index);
+  return i < names.size() ? names[i] : "unknown";
+}
+
+// stgs_player_event with words of its own.
+struct Event {
+  stgs_player_event event = sized<stgs_player_event>();
+  std::string message;
+};
+
+class Player {
+ public:
+  Player(const py::object& source, const stgs_player_settings& settings)
+      : log_(std::make_shared<Log>()), source_(source) {
+    stgs_player_settings own = settings;
+    own.log = Log::take;
+    own.log_user = log_.get();
+    stgs_player* made = nullptr;
+    if (const stgs_result result = stgs_player_create(&own, &made); result != STGS_OK)
+      throw Failure(result, "one of these settings is out of its range");
+    player_.reset(made);
+    scene_.emplace(stgs_player_scene(made), log_);
+    run([&](stgs_player* p) {
+      return source_.open([&](const char* place) { return stgs_player_open(p, place); },
+                          [&](const void* data, std::size_t size) {
+                            return stgs_player_open_memory(p, data, size);
+                          });
+    });
+  }
+  Player(const Player&) = delete;
+  Player& operator=(const Player&) = delete;
+  // Ends reads and threads, which may take a moment.
+  ~Player() {
+    scene_.reset();
+    const py::gil_scoped_release release;
+    player_.reset();
+  }
+
+  // Calls `call(player)`, which gives a result, and throws where it failed.
+  template <typename Call>
+  void run(Call&& call) {
+    const stgs_result result = unlocked([&] { return call(player_.get()); }, mutex_);
+    log_->pass_on();
+    check(result, static_cast<const stgs_player*>(player_.get()), stgs_player_error);
+  }
+
+  void wait_open() {
+    run([&](stgs_player* p) {
+      const stgs_result result = stgs_player_wait_open(p);
+      is_open_ = is_open_ || result == STGS_OK;
+      return result;
+    });
+  }
+  stgs_player_status update(std::optional<double> now) {
+    auto status = sized<stgs_player_status>();
+    const std::chrono::duration<double> clock = std::chrono::steady_clock::now().time_since_epoch();
+    run([&](stgs_player* p) {
+      const stgs_result result = stgs_player_update(p, now.value_or(clock.count()), &status);
+      is_open_ = is_open_ || (result == STGS_OK && status.state >= STGS_PLAYER_PAUSED);
+      return result;
+    });
+    return status;
+  }
+  // Others may use it beside the player from then on that an update has said that it is open.
+  Scene& scene() {
+    if (!unlocked([&] { return is_open_; }, mutex_)) {
+      throw Failure(STGS_ERROR_STATE,
+                    "the player's file is not open yet: call wait_open() or update() first");
+    }
+    return *scene_;
+  }
+  std::vector<Event> events() {
+    std::vector<Event> out;
+    run([&](stgs_player* p) -> stgs_result {
+      for (;;) {
+        Event one;
+        if (const stgs_result bad = stgs_player_next_event(p, &one.event); bad != STGS_OK) {
+          return bad;
+        }
+        if (one.event.kind == STGS_EVENT_NONE) return STGS_OK;
+        one.message = one.event.message;
+        out.push_back(std::move(one));
+      }
+    });
+    return out;
+  }
+  std::vector<std::pair<double, double>> buffered() {
+    std::vector<stgs_time_range> ranges(8);
+    std::uint32_t count = 0;
+    run([&](stgs_player* p) {
+      for (;;) {
+        const auto room = static_cast<std::uint32_t>(ranges.size());
+        const stgs_result result = stgs_player_get_buffered(p, ranges.data(), room, &count);
+        if (result != STGS_OK || count <= room) return result;
+        ranges.resize(count);
+      }
+    });
+    std::vector<std::pair<double, double>> out;
+    for (std::uint32_t i = 0; i < count; ++i) out.emplace_back(ranges[i].begin, ranges[i].end);
+    return out;
+  }
+  stgs_player_statistics statistics() {
+    auto out = sized<stgs_player_statistics>();
+    run([&](stgs_player* p) { return stgs_player_get_statistics(p, &out); });
+    return out;
+  }
+
+  void set_rate(double rate) {
+    run([&](stgs_player* p) { return stgs_player_set_rate(p, rate); });
+    rate_ = rate;
+  }
+  double rate() const { return rate_; }
+  void set_loop(bool loop) {
+    run([&](stgs_player* p) { return stgs_player_set_loop(p, loop ? 1 : 0); });
+    loop_ = loop;
+  }
+  bool loop() const { return loop_; }
+
+ private:
+  struct Destroy {
+    void operator()(stgs_player* player) const { stgs_player_destroy(player); }
+  };
+  std::shared_ptr<Log> log_;
+  std::mutex mutex_;
+  Source source_;  // outlives the player
+  std::unique_ptr<stgs_player, Destroy> player_;
+  std::optional<Scene> scene_;
+  bool is_open_ = false;
+  double rate_ = 1;
+  bool loop_ = false;
+};
+
+// The settings that are given by name; others have their defaults.
+stgs_player_settings settings_of(const py::kwargs& given) {
+  stgs_player_settings out;
+  stgs_player_settings_defaults(&out, sizeof out);
+  std::size_t known = 0;
+  const auto take = [&](const char* name, auto member) {
+    if (!given.contains(name)) return;
+    ++known;
+    out.*member = given[name].cast<std::decay_t<decltype(out.*member)>>();
+  };
+  using Settings = stgs_player_settings;
+  take("memory_budget", &Settings::memory_budget);
+  take("max_file_bytes", &Settings::max_file_bytes);
+  take("max_primitives", &Settings::max_primitives);
+  take("max_memory", &Settings::max_memory);
+  take("ahead_seconds", &Settings::ahead_seconds);
+  take("resume_seconds", &Settings::resume_seconds);
+  take("patience_seconds", &Settings::patience_seconds);
+  take("retry_seconds", &Settings::retry_seconds);
+  take("fetches", &Settings::fetches);
+  take("url_tries", &Settings::url_tries);
+  take("url_connect_seconds", &Settings::url_connect_seconds);
+  take("url_stall_seconds", &Settings::url_stall_seconds);
+  if (known != given.size()) throw py::type_error("a player has no such setting");
+  return out;
+}
+
+void declare_told(py::module_& module) {
+  using Status = stgs_player_status;
+  py::class_<Status>(module, "PlayerStatus", "Where a player is; see stgs_player_status.")
+      .def_property_readonly(
+          "state", [](const Status& s) { return name_of(kStates, s.state); },
+          "closed, opening, paused, playing, buffering or ended")
+      .def_readonly("seconds", &Status::seconds, "the moment to draw")
+      .def_readonly("layers", &Status::layers)
+      .def_readonly("layers_of_file", &Status::layers_of_file)
+      .def_property_readonly("ready", [](const Status& s) { return s.ready != 0; })
+      .def_property_readonly("settled", [](const Status& s) { return s.settled != 0; });
+  py::class_<Event>(module, "PlayerEvent", "What has happened; see stgs_player_event.")
+      .def_property_readonly("kind", [](const Event& e) { return name_of(kEvents, e.event.kind); })
+      .def_property_readonly("seconds", [](const Event& e) { return e.event.seconds; })
+      .def_property_readonly("layers", [](const Event& e) { return e.event.layers; })
+      .def_property_readonly("code", [](const Event& e) { return e.event.result; })
+      .def_property_readonly("name",
+                             [](const Event& e) { return stgs_result_name(e.event.result); })
+      .def_property_readonly("offset",
+                             [](const Event& e) -> std::optional<std::uint64_t> {
+                               if (e.event.offset == STGS_NO_OFFSET) return {};
+                               return e.event.offset;
+                             })
+      .def_readonly("message", &Event::message);
+  using Statistics = stgs_player_statistics;
+  py::class_<Statistics>(module, "PlayerStatistics", "See stgs_player_statistics.")
+      .def_readonly("bytes_per_second", &Statistics::bytes_per_second)
+      .def_readonly("fetched_bytes", &Statistics::fetched_bytes)
+      .def_readonly("memory_bytes", &Statistics::memory_bytes)
+      .def_readonly("stored_primitives", &Statistics::stored_primitives);
+}
+
+}  // namespace
+
+void declare_player(py::module_& module) {
+  declare_told(module);
+  const auto calling = [](stgs_result (*function)(stgs_player*)) {
+    return [function](Player& player) { player.run(function); };
+  };
+  py::class_<Player>(module, "Player",
+                     "Plays a scene while it is still coming. `source` is as of Scene, and begins "
+                     "to be opened; the settings are those of stgs_player_settings, by name. Call "
+                     "update() before each picture, then draw `scene` at the status's moment.")
+      .def(py::init([](const py::object& source, const py::kwargs& settings) {
+             return std::make_unique<Player>(source, settings_of(settings));
+           }),
+           py::arg("source"))
+      .def("wait_open", &Player::wait_open, "Waits until the file is open; Error where it fails.")
+      .def("update", &Player::update, py::arg("now") = py::none(),
+           "Where the player is at `now`, seconds of a clock that never goes back: "
+           "time.monotonic() where it is left out.")
+      .def("events", &Player::events, "What has happened since the last call, in order.")
+      .def("play", calling(stgs_player_play))
+      .def("pause", calling(stgs_player_pause))
+      .def(
+          "seek",
+          [](Player& player, double seconds) {
+            player.run([=](stgs_player* p) { return stgs_player_seek(p, seconds); });
+          },
+          py::arg("seconds"))
+      .def(
+          "seek_frame",
+          [](Player& player, std::uint32_t frame) {
+            player.run([=](stgs_player* p) { return stgs_player_seek_frame(p, frame); });
+          },
+          py::arg("frame"))
+      .def_property("rate", &Player::rate, &Player::set_rate, "-2 to 4, not 0; below 0: backwards")
+      .def_property("loop", &Player::loop, &Player::set_loop)
+      .def_property_readonly("scene", &Player::scene, py::return_value_policy::reference_internal,
+                             "The Scene, for its info and for drawing, once the file is open.")
+      .def_property_readonly("buffered", &Player::buffered,
+                             "Where play does not have to wait: (begin, end) in seconds.")
+      .def_property_readonly("statistics", &Player::statistics);
+}
+
+}  // namespace stgs::python
