@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The manual pages and the completion in bash say what the program's help says."""
+"""The manual pages say what the program's help says."""
 import functools
 import gzip
 import os
@@ -12,14 +12,6 @@ import unittest
 
 import harness
 from harness import CliTest
-
-COMPLETE = """
-source "$1"
-shift
-COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
-_stgs
-printf '%s\\n' "${COMPREPLY[@]}"
-"""
 
 
 @functools.cache
@@ -92,37 +84,3 @@ class Manual(CliTest):
                                    env=dict(os.environ, LC_ALL="C"))
             self.assertEqual(shown.stderr, "")
             self.assertIn("EXIT STATUS", shown.stdout)
-
-
-@unittest.skipUnless(shutil.which("bash"), "needs bash")
-class Completion(CliTest):
-    def complete(self, *words):
-        """What bash offers for the last of the words behind `stgs`."""
-        script = os.path.join(harness.SOURCE, "tools/completion/stgs.bash")
-        shown = subprocess.run(["bash", "--norc", "-c", COMPLETE, "bash", script, harness.STGS, *words],
-                               capture_output=True, text=True, check=True, cwd=self.work)
-        self.assertEqual(shown.stderr, "")
-        return set(shown.stdout.split())
-
-    def test_verbs(self):
-        self.assertEqual(self.complete(""), set(verbs()))
-        self.assertEqual(self.complete("en"), {"encode"})
-        self.assertEqual(self.complete("--"), {"--help", "--version"})
-
-    def test_options_of_a_verb(self):
-        for verb in verbs():
-            long = {name for name in options(help_of(verb)) if name.startswith("--")}
-            self.assertEqual(self.complete(verb, "--"), long)
-        self.assertEqual(self.complete("render", "scene.stgs", "--ba"), {"--background", "--backend"})
-
-    def test_values_of_an_option(self):
-        self.assertEqual(self.complete("render", "--backend", ""), {"auto", "cpu", "cuda", "vulkan"})
-        self.assertEqual(self.complete("render", "--backend", "c"), {"cpu", "cuda"})
-        self.assertEqual(self.complete("render", "--backend", "="), {"auto", "cpu", "cuda", "vulkan"})
-        self.assertEqual(self.complete("render", "--backend", "=", "v"), {"vulkan"})
-
-    def test_all_else_is_left_to_files(self):
-        for words in ("render", ""), ("render", "-o", "p"), ("render", "--size", ""), ("no", "--"):
-            self.assertEqual(self.complete(*words), set(), words)
-        with open(os.path.join(harness.SOURCE, "tools/completion/stgs.bash"), encoding="utf-8") as file:
-            self.assertRegex(file.read(), r"complete .*-o default .*-F _stgs stgs")

@@ -29,6 +29,8 @@ CONTENTS = {
                     LIBRARIES + "cmake/stgs/stgs-static.cmake", LIBRARIES + "pkgconfig/stgs.pc",
                     "usr/share/doc/libstgs-dev/examples/minimal.c"],
     "stgs": ["usr/bin/stgs", "usr/share/bash-completion/completions/stgs",
+             "usr/share/fish/vendor_completions.d/stgs.fish",
+             "usr/share/zsh/vendor-completions/_stgs",
              "usr/share/man/man1/stgs.1.gz", "usr/share/man/man1/stgs-render.1.gz",
              LIBRARIES + "cmake/stgs/stgs-tools.cmake"],
     "stgs-mpi": [LIBRARIES + "stgs/stgs_mpi.so"],
