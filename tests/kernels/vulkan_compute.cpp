@@ -2,16 +2,14 @@
 #include "vulkan_compute.h"
 
 #include <fmt/format.h>
+#include <volk.h>
 
 #include <cstring>
 
-#define VOLK_IMPLEMENTATION
-#include <volk.h>
+#include "stgs/player/vulkan_instance.h"
 
 namespace stgs::test {
 namespace {
-
-constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 
 // A zeroed Vulkan structure that says what it is.
 template <class T>
@@ -19,25 +17,6 @@ T structure(VkStructureType type) {
   T made{};
   made.sType = type;
   return made;
-}
-
-VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
-                                          VkDebugUtilsMessageTypeFlagsEXT,
-                                          const VkDebugUtilsMessengerCallbackDataEXT* data,
-                                          void* messages) {
-  static_cast<std::vector<std::string>*>(messages)->push_back(data->pMessage);
-  return VK_FALSE;
-}
-
-bool has_validation_layer() {
-  std::uint32_t count = 0;
-  vkEnumerateInstanceLayerProperties(&count, nullptr);
-  std::vector<VkLayerProperties> layers(count);
-  vkEnumerateInstanceLayerProperties(&count, layers.data());
-  for (const VkLayerProperties& layer : layers) {
-    if (std::strcmp(layer.layerName, kLayer) == 0) return true;
-  }
-  return false;
 }
 
 int compute_family(VkPhysicalDevice device) {
@@ -245,9 +224,8 @@ bool Run::submit(std::uint32_t groups) {
 
 struct VulkanCompute::State {
   std::string missing;
-  VkInstance instance = VK_NULL_HANDLE;
-  VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;
-  bool validated = false;
+  player::VulkanInstance made;
+  std::function<void(const std::string&)> tell;
   std::vector<std::string> messages;
   std::vector<std::string> names;
   std::vector<VkPhysicalDevice> devices;
@@ -262,48 +240,23 @@ bool VulkanCompute::State::make_instance() {
     missing = "no Vulkan loader (libvulkan.so.1)";
     return false;
   }
-  validated = has_validation_layer();
-  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
-  application.apiVersion = VK_API_VERSION_1_1;
-  const char* extension = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
-  auto debug = structure<VkDebugUtilsMessengerCreateInfoEXT>(
-      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
-  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
-                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
-  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
-                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
-  debug.pfnUserCallback = on_message;
-  debug.pUserData = &messages;
-  const VkValidationFeatureEnableEXT synchronisation =
-      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
-  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
-  features.pNext = &debug;
-  features.enabledValidationFeatureCount = 1;
-  features.pEnabledValidationFeatures = &synchronisation;
-  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
-  info.pApplicationInfo = &application;
-  if (validated) {
-    info.pNext = &features;
-    info.enabledLayerCount = 1;
-    info.ppEnabledLayerNames = &kLayer;
-    info.enabledExtensionCount = 1;
-    info.ppEnabledExtensionNames = &extension;
-  }
-  const VkResult result = vkCreateInstance(&info, nullptr, &instance);
+  tell = [this](const std::string& message) { messages.push_back(message); };
+  player::VulkanInstanceSettings settings;
+  settings.on_message = &tell;
+  const VkResult result = make_vulkan_instance(settings, made);
   if (result != VK_SUCCESS) {
     missing = fmt::format("vkCreateInstance failed with VkResult {}", static_cast<int>(result));
     return false;
   }
-  volkLoadInstance(instance);
-  if (validated) vkCreateDebugUtilsMessengerEXT(instance, &debug, nullptr, &messenger);
+  volkLoadInstance(made.instance);
   return true;
 }
 
 void VulkanCompute::State::list_devices() {
   std::uint32_t count = 0;
-  vkEnumeratePhysicalDevices(instance, &count, nullptr);
+  vkEnumeratePhysicalDevices(made.instance, &count, nullptr);
   std::vector<VkPhysicalDevice> all(count);
-  vkEnumeratePhysicalDevices(instance, &count, all.data());
+  vkEnumeratePhysicalDevices(made.instance, &count, all.data());
   for (VkPhysicalDevice device : all) {
     const int family = compute_family(device);
     if (family < 0) continue;
@@ -321,10 +274,10 @@ VulkanCompute::VulkanCompute() : state_(std::make_unique<State>()) {
 }
 
 VulkanCompute::~VulkanCompute() {
-  if (!state_->instance) return;
-  if (state_->messenger)
-    vkDestroyDebugUtilsMessengerEXT(state_->instance, state_->messenger, nullptr);
-  vkDestroyInstance(state_->instance, nullptr);
+  const player::VulkanInstance& made = state_->made;
+  if (!made.instance) return;
+  if (made.messenger) vkDestroyDebugUtilsMessengerEXT(made.instance, made.messenger, nullptr);
+  vkDestroyInstance(made.instance, nullptr);
 }
 
 const std::string& VulkanCompute::missing() const {
@@ -334,7 +287,7 @@ const std::vector<std::string>& VulkanCompute::devices() const {
   return state_->names;
 }
 bool VulkanCompute::validated() const {
-  return state_->validated;
+  return state_->made.messenger != VK_NULL_HANDLE;
 }
 const std::vector<std::string>& VulkanCompute::messages() const {
   return state_->messages;

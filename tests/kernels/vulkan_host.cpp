@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "vulkan_host.h"
 
+#include "stgs/player/vulkan_instance.h"
+
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -8,30 +10,10 @@
 namespace stgs::testing {
 namespace {
 
-constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
-
 void must(VkResult result, const char* what) {
   if (result == VK_SUCCESS) return;
   std::fprintf(stderr, "%s: VkResult %d\n", what, static_cast<int>(result));
   std::exit(1);
-}
-
-VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
-                                          VkDebugUtilsMessageTypeFlagsEXT,
-                                          const VkDebugUtilsMessengerCallbackDataEXT* data, void*) {
-  VulkanHost::messages().push_back(data->pMessage);
-  return VK_FALSE;
-}
-
-bool has_layer() {
-  std::uint32_t count = 0;
-  must(vkEnumerateInstanceLayerProperties(&count, nullptr), "counting layers");
-  std::vector<VkLayerProperties> layers(count);
-  must(vkEnumerateInstanceLayerProperties(&count, layers.data()), "listing layers");
-  for (const VkLayerProperties& layer : layers) {
-    if (std::strcmp(layer.layerName, kLayer) == 0) return true;
-  }
-  return false;
 }
 
 }  // namespace
@@ -66,45 +48,17 @@ VulkanHost::~VulkanHost() {
 
 bool VulkanHost::make_instance() {
   if (volkInitialize() != VK_SUCCESS) return false;
-  VkApplicationInfo application{};
-  application.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO;
-  application.apiVersion = VK_API_VERSION_1_2;
-  VkDebugUtilsMessengerCreateInfoEXT debug{};
-  debug.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT;
-  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
-                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
-  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
-                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
-  debug.pfnUserCallback = on_message;
-  const VkValidationFeatureEnableEXT enable =
-      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
-  VkValidationFeaturesEXT validation{};
-  validation.sType = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT;
-  validation.pNext = &debug;
-  validation.enabledValidationFeatureCount = 1;
-  validation.pEnabledValidationFeatures = &enable;
-  const char* const extension = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
-  VkInstanceCreateInfo info{};
-  info.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO;
-  info.pApplicationInfo = &application;
-  const bool validated = has_layer();
-  if (validated) {
-    info.pNext = &validation;
-    info.enabledLayerCount = 1;
-    info.ppEnabledLayerNames = &kLayer;
-    info.enabledExtensionCount = 1;
-    info.ppEnabledExtensionNames = &extension;
-  }
-  if (vkCreateInstance(&info, nullptr, &device_.instance) != VK_SUCCESS) {
-    device_.instance = VK_NULL_HANDLE;
-    return false;
-  }
-  device_.api_version = application.apiVersion;
+  static const std::function<void(const std::string&)> tell = [](const std::string& message) {
+    messages().push_back(message);
+  };
+  player::VulkanInstanceSettings settings;
+  settings.api_version = device_.api_version = VK_API_VERSION_1_2;
+  settings.on_message = &tell;
+  player::VulkanInstance made;
+  if (make_vulkan_instance(settings, made) != VK_SUCCESS) return false;
+  device_.instance = made.instance;
+  messenger_ = made.messenger;
   volkLoadInstance(device_.instance);
-  if (validated) {
-    must(vkCreateDebugUtilsMessengerEXT(device_.instance, &debug, nullptr, &messenger_),
-         "asking for messages");
-  }
   return true;
 }
 

@@ -8,11 +8,11 @@
 #include <vector>
 
 #include "frame_layout.h"
+#include "stgs/player/vulkan_instance.h"
 
 namespace stgs::player::vulkan {
 namespace {
 
-constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
 constexpr std::uint32_t kBallotSharedBytes = 18432;  // of sort_scatter.comp with 16 lanes
@@ -22,24 +22,6 @@ constexpr std::chrono::milliseconds kLookedFor{4};
 
 // volk's functions of instances are the process's: for making devices alone, one after the other.
 std::mutex volk_in_use;
-
-VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
-                                          VkDebugUtilsMessageTypeFlagsEXT,
-                                          const VkDebugUtilsMessengerCallbackDataEXT* data,
-                                          void* settings) {
-  static_cast<VulkanSettings*>(settings)->on_message(data->pMessage);
-  return VK_FALSE;
-}
-
-bool has_validation_layer() {
-  std::uint32_t count = 0;
-  if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
-  std::vector<VkLayerProperties> layers(count);
-  if (vkEnumerateInstanceLayerProperties(&count, layers.data()) != VK_SUCCESS) return false;
-  return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
-    return std::strcmp(layer.layerName, kLayer) == 0;
-  });
-}
 
 std::vector<VkQueueFamilyProperties> families_of(VkPhysicalDevice device) {
   std::uint32_t count = 0;
@@ -231,44 +213,19 @@ Status Device::make_instance() {
   if (volkInitialize() != VK_SUCCESS) {
     return unsupported("there is no Vulkan loader (libvulkan.so.1); use --backend cpu");
   }
-  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
-  application.apiVersion = VK_API_VERSION_1_1;
-  const char* const extension = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
-  auto debug = structure<VkDebugUtilsMessengerCreateInfoEXT>(
-      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
-  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
-                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
-  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
-                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
-  debug.pfnUserCallback = on_message;
-  debug.pUserData = &settings_;
-  const VkValidationFeatureEnableEXT synchronisation =
-      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
-  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
-  features.pNext = &debug;
-  features.enabledValidationFeatureCount = 1;
-  features.pEnabledValidationFeatures = &synchronisation;
-  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
-  info.pApplicationInfo = &application;
-  const bool validated = settings_.on_message != nullptr && has_validation_layer();
-  if (validated) {
-    info.pNext = &features;
-    info.enabledLayerCount = 1;
-    info.ppEnabledLayerNames = &kLayer;
-    info.enabledExtensionCount = 1;
-    info.ppEnabledExtensionNames = &extension;
-  }
-  const VkResult result = vkCreateInstance(&info, nullptr, &context_.instance);
+  VulkanInstanceSettings settings;
+  if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
+  VulkanInstance made;
+  const VkResult result = make_vulkan_instance(settings, made);
   if (result != VK_SUCCESS) {
-    context_.instance = VK_NULL_HANDLE;
     return unsupported("Vulkan does not start (VkResult {}); use --backend cpu",
                        static_cast<int>(result));
   }
+  context_.instance = made.instance;
+  messenger_ = made.messenger;
   volkLoadInstanceOnly(context_.instance);
   keep_functions();
-  if (!validated) return {};
-  return vk_status(vkCreateDebugUtilsMessengerEXT(context_.instance, &debug, nullptr, &messenger_),
-                   "asking for messages");
+  return {};
 }
 
 Status Device::choose() {

@@ -7,28 +7,10 @@
 #include <cstring>
 #include <vector>
 
+#include "stgs/player/vulkan_instance.h"
+
 namespace stgs::tools {
 namespace {
-
-constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
-
-VKAPI_ATTR VkBool32 VKAPI_CALL on_debug_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
-                                                VkDebugUtilsMessageTypeFlagsEXT,
-                                                const VkDebugUtilsMessengerCallbackDataEXT* data,
-                                                void* tell) {
-  (*static_cast<std::function<void(const std::string&)>*>(tell))(data->pMessage);
-  return VK_FALSE;
-}
-
-bool has_validation_layer() {
-  std::uint32_t count = 0;
-  if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
-  std::vector<VkLayerProperties> layers(count);
-  if (vkEnumerateInstanceLayerProperties(&count, layers.data()) != VK_SUCCESS) return false;
-  return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
-    return std::strcmp(layer.layerName, kLayer) == 0;
-  });
-}
 
 bool has_swapchains(VkPhysicalDevice device) {
   std::uint32_t count = 0;
@@ -109,44 +91,20 @@ Status WindowDevice::make_instance() {
   if (needed == nullptr) {
     return unsupported("the Vulkan drivers of this machine cannot show windows on this display");
   }
-  std::vector<const char*> extensions(needed, needed + count);
-  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
-  application.pApplicationName = "stgs play";
-  application.apiVersion = device_.api_version = VK_API_VERSION_1_1;
-  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
-  info.pApplicationInfo = &application;
-  auto debug = structure<VkDebugUtilsMessengerCreateInfoEXT>(
-      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
-  debug.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
-                          VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
-  debug.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
-                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
-  debug.pfnUserCallback = on_debug_message;
-  debug.pUserData = &on_message_;
-  const VkValidationFeatureEnableEXT synchronisation =
-      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
-  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
-  features.pNext = &debug;
-  features.enabledValidationFeatureCount = 1;
-  features.pEnabledValidationFeatures = &synchronisation;
-  const bool validated = on_message_ != nullptr && has_validation_layer();
-  if (validated) {
-    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
-    info.pNext = &features;
-    info.enabledLayerCount = 1;
-    info.ppEnabledLayerNames = &kLayer;
-  }
-  info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
-  info.ppEnabledExtensionNames = extensions.data();
-  const VkResult result = vkCreateInstance(&info, nullptr, &device_.instance);
+  player::VulkanInstanceSettings settings;
+  settings.application = "stgs play";
+  settings.api_version = device_.api_version = VK_API_VERSION_1_1;
+  settings.extensions.assign(needed, needed + count);
+  if (on_message_ != nullptr) settings.on_message = &on_message_;
+  player::VulkanInstance made;
+  const VkResult result = make_vulkan_instance(settings, made);
   if (result != VK_SUCCESS) {
-    device_.instance = VK_NULL_HANDLE;
     return unsupported("Vulkan does not start (VkResult {})", static_cast<int>(result));
   }
+  device_.instance = made.instance;
+  messenger_ = made.messenger;
   volkLoadInstance(device_.instance);
-  if (!validated) return {};
-  return vk_status(vkCreateDebugUtilsMessengerEXT(device_.instance, &debug, nullptr, &messenger_),
-                   "asking for messages");
+  return {};
 }
 
 Status WindowDevice::choose() {

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cstring>
+
+#include "stgs/player/vulkan_instance.h"
+#include "vulkan/device.h"
+
+namespace stgs::player {
+namespace {
+
+using vulkan::structure;
+
+constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
+
+VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                          VkDebugUtilsMessageTypeFlagsEXT,
+                                          const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                          void* tell) {
+  (*static_cast<const std::function<void(const std::string&)>*>(tell))(data->pMessage);
+  return VK_FALSE;
+}
+
+bool has_validation_layer() {
+  std::uint32_t count = 0;
+  if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
+  std::vector<VkLayerProperties> layers(count);
+  if (vkEnumerateInstanceLayerProperties(&count, layers.data()) != VK_SUCCESS) return false;
+  return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
+    return std::strcmp(layer.layerName, kLayer) == 0;
+  });
+}
+
+VkDebugUtilsMessengerCreateInfoEXT messenger_to(
+    const std::function<void(const std::string&)>* tell) {
+  auto info = structure<VkDebugUtilsMessengerCreateInfoEXT>(
+      VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+  info.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
+                         VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  info.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
+                     VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  info.pfnUserCallback = on_message;
+  info.pUserData = const_cast<std::function<void(const std::string&)>*>(tell);
+  return info;
+}
+
+}  // namespace
+
+VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInstance& out) {
+  out = {};
+  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
+  application.pApplicationName = settings.application;
+  application.apiVersion = settings.api_version;
+  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+  info.pApplicationInfo = &application;
+  // In the chain too, for what is wrong with making and destroying the instance itself.
+  const auto debug = messenger_to(settings.on_message);
+  const VkValidationFeatureEnableEXT synchronisation =
+      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+  auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
+  features.pNext = &debug;
+  features.enabledValidationFeatureCount = 1;
+  features.pEnabledValidationFeatures = &synchronisation;
+  std::vector<const char*> extensions = settings.extensions;
+  const bool validated = settings.on_message != nullptr && has_validation_layer();
+  if (validated) {
+    extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+    info.pNext = &features;
+    info.enabledLayerCount = 1;
+    info.ppEnabledLayerNames = &kLayer;
+  }
+  info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
+  VkResult result = vkCreateInstance(&info, nullptr, &out.instance);
+  if (result != VK_SUCCESS) out.instance = VK_NULL_HANDLE;
+  if (result != VK_SUCCESS || !validated) return result;
+  const auto make_messenger = reinterpret_cast<PFN_vkCreateDebugUtilsMessengerEXT>(
+      vkGetInstanceProcAddr(out.instance, "vkCreateDebugUtilsMessengerEXT"));
+  result = make_messenger(out.instance, &debug, nullptr, &out.messenger);
+  if (result == VK_SUCCESS) return result;
+  const auto destroy = reinterpret_cast<PFN_vkDestroyInstance>(
+      vkGetInstanceProcAddr(out.instance, "vkDestroyInstance"));
+  destroy(out.instance, nullptr);
+  out = {};
+  return result;
+}
+
+}  // namespace stgs::player
