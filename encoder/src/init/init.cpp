@@ -85,7 +85,6 @@ Status find_static(State& state) {
     stills[0].push_back(
         {state.views[i], state.motion[i].background, state.motion[i].background_seen});
   }
-  state.work.stage("depth range");
   // Moving things may be nearer than the background: whole frames count for the range too.
   std::vector<std::vector<Still>> with_frames = stills;
   for (const int frame : {0, state.capture.frames / 2}) {
@@ -96,13 +95,14 @@ Status find_static(State& state) {
       with_frames.back().push_back({view, picture, {}});
     }
   }
+  state.work.stage("depth range", int(with_frames.size()));
   STGS_TRY(find_depth_range(with_frames, state.work, &state.scene));
   if (!state.scene.range.measured) {
     state.work.log("depth range: could not be measured, guessed from the cameras", 1);
   }
   state.work.log(fmt::format("depth range: {:.3g} to {:.3g}", state.scene.range.nearest,
                              state.scene.range.farthest));
-  state.work.stage("static depth");
+  state.work.stage("static depth", 2);
   return find_static_depth(stills[0], state.work, &state.scene);
 }
 
@@ -250,8 +250,8 @@ Velocities carried_over(const DynamicFrame& last, const DynamicFrame& before,
 }
 
 Status find_velocities(State& state) {
-  state.work.stage("velocities");
   const int frames = state.capture.frames;
+  state.work.stage("velocities", frames > 1 ? 2 : 1);
   std::vector<Velocities> matched(frames), flowed(frames);
   STGS_TRY(state.work.for_each(frames, [&](int frame) -> Status {
     velocities_of(state, frame, &matched[frame], &flowed[frame]);

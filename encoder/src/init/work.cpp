@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "init/work.h"
-#include "stgs/format/parallel.h"
 
+#include <algorithm>
 #include <exception>
+
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -13,18 +15,25 @@ double since(std::chrono::steady_clock::time_point start) {
 
 }  // namespace
 
-void Work::stage(const std::string& name) {
+void Work::stage(const std::string& name, int passes) {
   if (!name_.empty()) done_.emplace_back(name_, since(start_));
   name_ = name;
+  passes_ = passes;
+  passed_ = 0;
   start_ = std::chrono::steady_clock::now();
 }
 
 Status Work::report_while(int total, const std::function<Status(Counter&)>& task) {
-  const ProgressSink watched = [&](const Progress& report) {
+  const ProgressSink watched = [&](Progress report) {
+    report.done = std::min(1.0, (passed_ + report.done) / passes_);
+    if (report.done > 0) report.eta_seconds = since(start_) * (1 - report.done) / report.done;
     if (progress_ && !progress_(report)) cancelled_ = true;
     return !cancelled_;
   };
-  return run_reporting(name_, std::uint64_t(total), watched, task);
+  if (total == 0) return {};
+  const Status status = run_reporting(name_, std::uint64_t(total), watched, task);
+  ++passed_;
+  return status;
 }
 
 Status Work::for_each(int count, const std::function<Status(int)>& task) {

@@ -21,7 +21,9 @@ class Work {
   Work(const ProgressSink& progress, const LogSink& log) : progress_(progress), log_(log) {}
 
   // Starts a stage: what for_each reports belongs to it, and so does the time until the next one.
-  void stage(const std::string& name);
+  // `passes`: calls of for_each and wait_for that it is made of, each an equal part of its
+  // progress.
+  void stage(const std::string& name, int passes = 1);
   // Runs task(i) for i in [0, count) on TBB's threads, while the caller's thread reports progress
   // some times a second. The error of the lowest index wins; exceptions of the libraries used
   // become errors. Once cancelled, what has not begun is left out.
@@ -41,6 +43,7 @@ class Work {
   Status report_while(int total, const std::function<Status(Counter&)>& task);
 
   std::string name_;
+  int passes_ = 1, passed_ = 0;
   std::atomic<bool> cancelled_{false};
   std::chrono::steady_clock::time_point start_;
   std::vector<std::pair<std::string, double>> done_;

@@ -302,7 +302,10 @@ Result<bool> Trainer::report_progress() {
   std::string detail = fmt::format("iteration {}, loss {:.4f}, {} primitives", state_.iteration,
                                    state_.mean_loss, backend_->size());
   if (score_) detail += fmt::format(", held-out psnr {:.2f} dB", score_->psnr);
-  STGS_ASSIGN(const bool stop, ranks_.any(!progress_({"train", done, eta, detail})));
+  TrainProgress training{state_.iteration, static_cast<std::uint64_t>(parameters_.iterations),
+                         state_.mean_loss, backend_->size(), std::nullopt};
+  if (score_) training.held_out_psnr = score_->psnr;
+  STGS_ASSIGN(const bool stop, ranks_.any(!progress_({"train", done, eta, detail, training})));
   return !stop;
 }
 
