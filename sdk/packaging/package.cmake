@@ -4,9 +4,11 @@
 set(STGS_PACKAGE_MAINTAINER "STGS maintainers <stgs@example.org>" CACHE STRING
     "Who answers for the Debian packages: NAME <ADDRESS>")
 
-set(packages runtime dev tools)
+set(packages runtime dev encoder encoder_dev tools)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libstgs-dev)
+set(CPACK_DEBIAN_ENCODER_PACKAGE_NAME libstgs-encoder0)
+set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_NAME libstgs-encoder-dev)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME stgs)
 set(CPACK_DEBIAN_MPI_PACKAGE_NAME stgs-mpi)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-stgs)
@@ -26,6 +28,12 @@ with CUDA where it was built with it.")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "player of streaming 4D Gaussian video - development files
 Headers in C99, the static library, files for CMake and pkg-config, guides and
 examples for applications that show .stgs scenes.")
+set(CPACK_COMPONENT_ENCODER_DESCRIPTION "encoder of streaming 4D Gaussian video - library
+Turns synchronised multi-view video into .stgs scenes of 4D Gaussians: prepares
+captures, trains, and packs.")
+set(CPACK_COMPONENT_ENCODER_DEV_DESCRIPTION "encoder of streaming 4D Gaussian video - development files
+Headers in C99, the static library, files for CMake and pkg-config for
+applications that make .stgs scenes.")
 set(CPACK_COMPONENT_TOOLS_DESCRIPTION "streaming 4D Gaussian video - encoder, player, tools
 The program stgs turns synchronised multi-view video into one .stgs file of 4D
 Gaussians, and shows, draws, measures, checks and converts such files.")
@@ -36,11 +44,15 @@ Opens .stgs scenes, draws them into numpy's arrays and lists their primitives.")
 
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_ENCODER_PACKAGE_SECTION libs)
+set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION video)
 set(CPACK_DEBIAN_MPI_PACKAGE_SECTION video)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 set(same_version "(= ${PROJECT_VERSION}-1)")
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "libstgs0 ${same_version}")
+set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_DEPENDS
+    "libstgs-encoder0 ${same_version}, libstgs-dev ${same_version}")
 set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "stgs ${same_version}")
 if(STGS_HAS_PYTHON)
   # An extension is for one minor version of Python.
@@ -51,13 +63,16 @@ endif()
 # What is loaded at run time, or run. A Vulkan driver is a matter of the machine.
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
+set(CPACK_DEBIAN_ENCODER_PACKAGE_SUGGESTS "colmap")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "colmap, ffmpeg, stgs-mpi")
 # What packages of programs that link the library depend on, by dpkg-shlibdeps: before 1.0 it
 # promises nothing to those that were built with another version.
 set(documents ${PROJECT_BINARY_DIR}/packaging)
 file(WRITE ${documents}/shlibs "libstgs 0 libstgs0 ${same_version}\n")
+file(WRITE ${documents}/encoder/shlibs "libstgs_encoder 0 libstgs-encoder0 ${same_version}\n")
 file(WRITE ${documents}/triggers "activate-noawait ldconfig\n")
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_EXTRA ${documents}/shlibs ${documents}/triggers)
+set(CPACK_DEBIAN_ENCODER_PACKAGE_CONTROL_EXTRA ${documents}/encoder/shlibs ${documents}/triggers)
 # What a program that links stgs::static links too.
 set(static_needs libfmt-dev libtbb-dev libzstd-dev zlib1g-dev libxxhash-dev libhwy-dev)
 if(STGS_HAS_DRACO)
@@ -70,6 +85,11 @@ if(STGS_HAS_HTTP)
   list(APPEND static_needs libcurl4-openssl-dev)
 endif()
 list(JOIN static_needs ", " CPACK_DEBIAN_DEV_PACKAGE_RECOMMENDS)
+if(STGS_HAS_PREPARE)
+  set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_RECOMMENDS
+      "libopencv-core-dev, libopencv-imgproc-dev, libopencv-imgcodecs-dev, libopencv-videoio-dev, \
+libopencv-video-dev, libopencv-calib3d-dev, libopencv-features2d-dev, libopencv-flann-dev")
+endif()
 set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "stgs, cmake, pkg-config, libvulkan-dev")
 
 set(CPACK_PACKAGE_NAME stgs)
@@ -90,6 +110,8 @@ set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
 # headers or archives alone are compiled in: their licences are Debian's own files about them.
 set(compiled_into_runtime libvulkan-volk-dev)
 set(compiled_into_dev libvulkan-volk-dev)
+set(compiled_into_encoder nlohmann-json3-dev libeigen3-dev libnanoflann-dev libstb-dev)
+set(compiled_into_encoder_dev ${compiled_into_encoder})
 set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev libeigen3-dev
     libnanoflann-dev libstb-dev libimgui-dev)
 set(compiled_into_python pybind11-dev)

@@ -117,6 +117,8 @@ const char* stgs_result_name(stgs_result result) {
       return "STGS_ERROR_OUT_OF_MEMORY";
     case STGS_ERROR_LIMIT:
       return "STGS_ERROR_LIMIT";
+    case STGS_ERROR_CANCELLED:
+      return "STGS_ERROR_CANCELLED";
     case STGS_ERROR_UNSUPPORTED:
       return "STGS_ERROR_UNSUPPORTED";
     case STGS_ERROR_NOT_BUILT:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of installed things share: running programs, and pictures."""
+"""What the tests of installed things share: running programs, pictures, and which header is which
+library's."""
+import glob
+import os
 import struct
 import subprocess
 import zlib
@@ -9,6 +12,16 @@ def run(*command, **options):
     result = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     assert result.returncode == 0, f"{command}:\n{result.stdout}\n{result.stderr}"
     return result.stdout
+
+
+LIBRARIES = ("stgs", "stgs_encoder")
+
+
+def headers_of(library, folder):
+    """The paths of the C headers that declare a library's functions, in a folder of them all."""
+    paths = sorted(glob.glob(os.path.join(folder, "*.h")))
+    return [path for path in paths
+            if os.path.basename(path).startswith("stgs_encoder") == (library == "stgs_encoder")]
 
 
 def read_ppm(path):

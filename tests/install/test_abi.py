@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the binary interface of the C headers against the committed one, sdk/stgs.abi.
+"""Holds the binary interfaces of the C headers against the committed ones, sdk/stgs.abi and
+sdk/stgs_encoder.abi.
 
 usage: test_abi.py SDK CC ABIDW ABIDIFF [--update]
 
@@ -11,7 +12,6 @@ meant, `--update` (the build's target stgs_abi_baseline) writes the new baseline
 at its end is such a case: see that the library takes the old size too.
 """
 import argparse
-import glob
 import os
 import re
 import subprocess
@@ -19,8 +19,9 @@ import sys
 import tempfile
 import unittest
 
+from outside import LIBRARIES, headers_of
+
 ARGUMENTS = None
-BASELINE = "stgs.abi"
 
 
 def read(*parts):
@@ -34,9 +35,10 @@ def write(text, *parts):
 
 
 def headers():
-    """What is declared: text by name, without comments."""
-    return {os.path.basename(path): re.sub(r" */\*.*?\*/", "", read(path), flags=re.DOTALL)
-            for path in sorted(glob.glob(os.path.join(ARGUMENTS.sdk, "include/stgs/*.h")))}
+    """What is declared: text by library and name, without comments."""
+    folder = os.path.join(ARGUMENTS.sdk, "include/stgs")
+    return {library: {os.path.basename(path): re.sub(r" */\*.*?\*/", "", read(path), flags=re.DOTALL)
+                      for path in headers_of(library, folder)} for library in LIBRARIES}
 
 
 def constants(text):
@@ -46,65 +48,83 @@ def constants(text):
     return [name for name in names if not name.startswith("STGS_VERSION_")]
 
 
-def library(folder, texts, symbol_map):
-    """Compiles a library of the headers' functions, and of one more for each constant: abidiff takes
+def build(name, folder, texts, symbol_map):
+    """Compiles a library of its headers' functions, and of one more for each constant: abidiff takes
     an enumerator for unchanged if any of its enum has the value, so each has an enum of its own."""
     os.makedirs(os.path.join(folder, "stgs"))
-    for name, text in texts.items():
-        write(text, folder, "stgs", name)
-    every = "\n".join(texts.values())
+    for of_library in texts.values():
+        for file, text in of_library.items():
+            write(text, folder, "stgs", file)
+    every = "\n".join(texts[name].values())
     functions = re.findall(r"^STGS_API[^;{]*\)(?=;)", every, re.MULTILINE)
-    source = "".join(f'#include "stgs/{name}"\n' for name in texts)
+    source = "".join(f'#include "stgs/{file}"\n' for file in texts[name])
     source += "".join(f"{function} {{ __builtin_trap(); }}\n" for function in functions)
-    source += "".join(f"enum of_{name} {{ value_of_{name} = {name} }};\n"
-                      f"STGS_API enum of_{name} constant_{name}(void) {{ __builtin_trap(); }}\n"
-                      for name in constants(every))
+    source += "".join(f"enum of_{constant} {{ value_of_{constant} = {constant} }};\n"
+                      f"STGS_API enum of_{constant} constant_{constant}(void) "
+                      "{ __builtin_trap(); }\n" for constant in constants(every))
     write(source, folder, "stub.c")
     write(symbol_map.replace("global:", "global: constant_*;", 1), folder, "stub.map")
-    built = os.path.join(folder, "libstgs.so")
+    built = os.path.join(folder, f"lib{name}.so")
     # From within the folder, whose name the baseline would tell else.
     subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", "-I.", "stub.c",
-                    "-Wl,--version-script=stub.map", "-Wl,-soname,libstgs.so.0", "-o", built],
+                    "-Wl,--version-script=stub.map", f"-Wl,-soname,lib{name}.so.0", "-o", built],
                    check=True, cwd=folder)
     return built
 
 
-def compare(texts, symbol_map):
+def compare(name, texts, symbol_map):
     """Whether programs that were built with the baseline still run; and what abidiff says."""
     with tempfile.TemporaryDirectory() as folder:
         told = subprocess.run([ARGUMENTS.abidiff, "--no-added-syms", "--no-architecture",
-                               os.path.join(ARGUMENTS.sdk, BASELINE),
-                               library(folder, texts, symbol_map)],
+                               os.path.join(ARGUMENTS.sdk, f"{name}.abi"),
+                               build(name, folder, texts, symbol_map)],
                               capture_output=True, text=True, check=False)
         return told.returncode == 0, told.stdout + told.stderr
 
 
+def map_of(name):
+    return read(ARGUMENTS.sdk, f"{name}.map")
+
+
 def update():
-    with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([ARGUMENTS.abidw, "--no-corpus-path", "--no-comp-dir-path", "--no-show-locs",
-                        "--no-architecture", "--type-id-style", "hash", "--no-parameter-names",
-                        "--out-file", os.path.join(ARGUMENTS.sdk, BASELINE),
-                        library(folder, headers(), read(ARGUMENTS.sdk, "stgs.map"))], check=True)
+    for name in LIBRARIES:
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run([ARGUMENTS.abidw, "--no-corpus-path", "--no-comp-dir-path",
+                            "--no-show-locs", "--no-architecture", "--type-id-style", "hash",
+                            "--no-parameter-names", "--out-file",
+                            os.path.join(ARGUMENTS.sdk, f"{name}.abi"),
+                            build(name, folder, headers(), map_of(name))], check=True)
 
 
 class Abi(unittest.TestCase):
     def setUp(self):
-        self.texts, self.map = headers(), read(ARGUMENTS.sdk, "stgs.map")
+        self.texts, self.map = headers(), map_of("stgs")
 
     def change(self, old, new):
-        self.assertEqual(self.texts["stgs.h"].count(old), 1, old)
-        self.texts["stgs.h"] = self.texts["stgs.h"].replace(old, new)
+        texts = self.texts["stgs"]
+        self.assertEqual(texts["stgs.h"].count(old), 1, old)
+        texts["stgs.h"] = texts["stgs.h"].replace(old, new)
 
     def test_the_headers_keep_to_the_baseline(self):
-        kept, told = compare(self.texts, self.map)
-        self.assertTrue(kept, f"{told}\nwhere this is meant: build the target stgs_abi_baseline")
+        for name in LIBRARIES:
+            with self.subTest(name):
+                kept, told = compare(name, self.texts, map_of(name))
+                self.assertTrue(kept, f"{told}\nwhere this is meant: build the target "
+                                "stgs_abi_baseline")
+
+    def test_what_breaks_programs_that_encode_is_found(self):
+        texts = self.texts["stgs_encoder"]
+        texts["stgs_encoder.h"] = texts["stgs_encoder.h"].replace("double quality;",
+                                                                  "float quality;", 1)
+        kept, told = compare("stgs_encoder", self.texts, map_of("stgs_encoder"))
+        self.assertFalse(kept, told)
 
     def test_functions_and_constants_may_be_added(self):
         self.change("STGS_API uint32_t stgs_version(void);",
                     "STGS_API uint32_t stgs_version(void);\nSTGS_API uint32_t stgs_added(int x);")
         self.change("STGS_BACKEND_VULKAN = 3", "STGS_BACKEND_VULKAN = 3, STGS_BACKEND_ADDED = 4")
         self.map = self.map.replace("stgs_version;", "stgs_version; stgs_added;")
-        kept, told = compare(self.texts, self.map)
+        kept, told = compare("stgs", self.texts, self.map)
         self.assertTrue(kept, told)
 
     def test_what_breaks_programs_is_found(self):
@@ -123,7 +143,7 @@ class Abi(unittest.TestCase):
                 self.setUp()
                 self.change(old, new)
                 symbols = self.map if new else self.map.replace("stgs_version;", "")
-                kept, told = compare(self.texts, symbols)
+                kept, told = compare("stgs", self.texts, symbols)
                 self.assertFalse(kept, told)
 
 

@@ -3,12 +3,13 @@
 """The shared library exports the functions of its headers, and nothing else; the static one has no
 name of the Vulkan loader's or of volk's, which its user may link too.
 
-usage: test_exports.py NM SHARED STATIC SDK_FOLDER
+usage: test_exports.py NM SHARED STATIC SDK_FOLDER stgs|stgs_encoder
 """
-import glob
 import re
 import subprocess
 import sys
+
+from outside import headers_of
 
 
 def symbols_of(nm, which, library):
@@ -20,12 +21,12 @@ def symbols_of(nm, which, library):
 
 
 def main():
-    nm, library, archive, folder = sys.argv[1:]
+    nm, library, archive, folder, name = sys.argv[1:]
     header = set()
-    for path in glob.glob(f"{folder}/include/stgs/*.h"):
+    for path in headers_of(name, f"{folder}/include/stgs"):
         with open(path, encoding="utf-8") as file:
             header |= set(re.findall(r"^STGS_API[^;]*?\b(stgs_\w+)\(", file.read(), re.MULTILINE))
-    with open(f"{folder}/stgs.map", encoding="utf-8") as file:
+    with open(f"{folder}/{name}.map", encoding="utf-8") as file:
         mapped = set(re.findall(r"^\s+(\w+);$", file.read(), re.MULTILINE))
     exported = {name.split("@")[0] for kind, name in symbols_of(nm, "-D", library) if kind != "A"}
     foreign = [name for _, name in symbols_of(nm, "-g", archive) if re.match("(vk|volk)[A-Z]", name)]

@@ -9,6 +9,7 @@ import argparse
 import glob
 import os
 import shutil
+import subprocess
 import tempfile
 import unittest
 
@@ -45,43 +46,71 @@ class Install(unittest.TestCase):
         # A byte that differs by 1 would be 87.7 dB.
         run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
 
-    def by_find_package(self, name, example, language):
+    def by_find_package(self, name, example, language, components=""):
+        """The program that somebody else's project makes of an example."""
         build = self.at(f"build_{name}_{language}")
         run(ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"),
             "-B", build, f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
             f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}",
             "-DCMAKE_CXX_STANDARD=17", f"-DLIBRARY=stgs::{name}", f"-DLANGUAGE={language}",
-            f"-DEXAMPLE={ARGUMENTS.source}/sdk/examples/{example}")
+            f"-DEXAMPLE={ARGUMENTS.source}/sdk/examples/{example}", f"-DCOMPONENTS={components}")
         run(ARGUMENTS.cmake, "--build", build)
-        self.assertEqual(self.picture(os.path.join(build, "consumer"), f"{name}_{language}.ppm"),
-                         read_ppm(self.at("example.ppm")))
+        return os.path.join(build, "consumer")
 
     def test_find_package(self):
         for name in ("stgs", "static"):
             for example, language in ("minimal.c", "C"), ("player.cpp", "CXX"):
                 with self.subTest(library=name, example=example):
-                    self.by_find_package(name, example, language)
+                    program = self.by_find_package(name, example, language)
+                    self.assertEqual(self.picture(program, f"{name}_{language}.ppm"),
+                                     read_ppm(self.at("example.ppm")))
+
+    def by_pkg_config(self, package, example, words):
+        """The program of an example, and the environment that it runs in."""
+        environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
+        flags = run("pkg-config", "--cflags", "--libs", *words, package, env=environment).split()
+        used = dict(os.environ)
+        if words:  # the archives, where the linker would take the shared libraries
+            flags = [flag.replace("-lstgs", "-l:libstgs") + ".a" if flag.startswith("-lstgs")
+                     else flag for flag in flags]
+        else:
+            used["LD_LIBRARY_PATH"] = self.library
+        program = self.at("_".join(["by_pkg_config", package, *words]))
+        run(ARGUMENTS.cc, os.path.join(ARGUMENTS.source, "sdk/examples", example), *flags,
+            "-o", program)
+        return program, used
 
     def test_pkg_config(self):
-        environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
         for name, words in ("shared", []), ("static", ["--static"]):
             with self.subTest(library=name):
-                flags = run("pkg-config", "--cflags", "--libs", *words, "stgs",
-                            env=environment).split()
-                if words:  # the archive, where the linker would take the shared library
-                    flags = ["-l:libstgs.a" if flag == "-lstgs" else flag for flag in flags]
-                program = self.at(f"by_pkg_config_{name}")
-                run(ARGUMENTS.cc, os.path.join(ARGUMENTS.source, "sdk/examples/minimal.c"), *flags,
-                    "-o", program)
-                used = dict(os.environ)
-                if not words:
-                    used["LD_LIBRARY_PATH"] = self.library
+                program, used = self.by_pkg_config("stgs", "minimal.c", words)
                 self.assertEqual(self.picture(program, f"pc_{name}.ppm", used),
                                  read_ppm(self.at("example.ppm")))
 
-    def test_the_shared_library_has_its_soname(self):
+    def test_the_encoder_each_way(self):
+        programs = [(self.by_find_package(name, "encode.c", "C", name), None)
+                    for name in ("encoder", "encoder_static")]
+        programs += [self.by_pkg_config("stgs_encoder", "encode.c", words)
+                     for words in ([], ["--static"])]
+        prepares = " prepare" in run(ARGUMENTS.stgs, "--version")
+        for program, used in programs:
+            with self.subTest(program=program):
+                told = subprocess.run([program, self.at("none"), self.at("none.stgs")], env=used,
+                                      capture_output=True, text=True, check=False)
+                self.assertEqual(told.returncode, 1, told.stderr)
+                self.assertIn("STGS_ERROR_IO" if prepares else "STGS_ERROR_NOT_BUILT", told.stderr)
+        if not prepares:
+            self.skipTest("needs a build with OpenCV")
+        capture = os.path.join(ARGUMENTS.source, "tests/data/workshop")
+        told = run(programs[0][0], capture, self.at("draft.stgs"), "draft")
+        self.assertRegex(told, r"^\d+ primitives, \d+ bytes, pictures \d+\.\d dB from")
+        run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.ppm"))
+        self.assertGreater(len(set(read_ppm(self.at("draft.ppm"))[2])), 50)
+
+    def test_the_shared_libraries_have_their_sonames(self):
         names = {os.path.basename(path) for path in glob.glob(os.path.join(self.library, "*.so*"))}
-        self.assertEqual(names, {"libstgs.so", "libstgs.so.0", "libstgs.so.0.1.0"})
+        self.assertEqual(names, {f"lib{name}.so{version}" for name in ("stgs", "stgs_encoder")
+                                 for version in ("", ".0", ".0.1.0")})
 
 
 if __name__ == "__main__":

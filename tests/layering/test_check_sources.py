@@ -33,6 +33,7 @@ class CheckSources(unittest.TestCase):
             "encoder/src/d.cpp": LICENCE + '#include "stgs/encoder/train.h"\n',
             "tools/stgs/e.cpp": LICENCE + '#include "stgs/player/p.h"\n#include "stgs/encoder/e.h"\n',
             "sdk/src/f.cpp": LICENCE + '#include "stgs/stgs.h"\n',
+            "sdk/src/encoder/g.cpp": LICENCE + '#include "stgs/stgs.h"\n#include "stgs/encoder/e.h"\n',
             "tests/api/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
         }), [])
 
@@ -43,6 +44,8 @@ class CheckSources(unittest.TestCase):
             with self.subTest(module=module, target=target):
                 self.assert_breach(f"{module}/src/a.cpp", f'#include "stgs/{target}/x.h"\n',
                                    f"{module} must not include {target}")
+        self.assert_breach("sdk/src/encoder/a.cpp", '#include "stgs/player/x.h"\n',
+                           "sdk/encoder must not include player")
         self.assert_breach("format/src/a.cpp", "  #  include <stgs/stgs.h>\n",
                            "format must not include sdk")
 

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+# The C interface of the encoder: libstgs_encoder, apart from libstgs so that who plays needs none of
+# what prepares and trains. Outside of the tree its targets are stgs::encoder and
+# stgs::encoder_static; in it stgs::encoder is the module.
+add_library(stgs_encoder_sdk_objects OBJECT
+  src/encoder/encoder.cpp
+  src/encoder/pack.cpp
+  src/encoder/prepare.cpp
+  src/encoder/train.cpp)
+target_include_directories(stgs_encoder_sdk_objects PRIVATE include src)
+target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs::encoder TBB::tbb)
+set_target_properties(stgs_encoder_sdk_objects PROPERTIES POSITION_INDEPENDENT_CODE ON
+                      CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+stgs_compile_options(stgs_encoder_sdk_objects)
+set(modules stgs::encoder)
+set(module_objects $<TARGET_OBJECTS:stgs_encoder>)
+if(STGS_HAS_PREPARE)
+  target_compile_definitions(stgs_encoder_sdk_objects PRIVATE STGS_HAS_PREPARE)
+  list(APPEND modules stgs::prepare)
+  list(APPEND module_objects $<TARGET_OBJECTS:stgs_prepare>)
+endif()
+
+set(map ${CMAKE_CURRENT_SOURCE_DIR}/stgs_encoder.map)
+add_library(stgs_encoder_sdk SHARED $<TARGET_OBJECTS:stgs_encoder_sdk_objects> src/object.cpp)
+target_include_directories(stgs_encoder_sdk PRIVATE include src)
+target_link_libraries(stgs_encoder_sdk PRIVATE ${modules} TBB::tbb)
+target_link_options(stgs_encoder_sdk PRIVATE LINKER:--version-script=${map})
+set_target_properties(stgs_encoder_sdk PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0
+                      LINK_DEPENDS ${map} CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+stgs_compile_options(stgs_encoder_sdk)
+# Its results have names, and its scenes are opened, by libstgs, which also has the modules that the
+# two have in common.
+target_link_libraries(stgs_encoder_sdk INTERFACE stgs_sdk)
+add_library(stgs_encoder_sdk_static STATIC
+  $<TARGET_OBJECTS:stgs_encoder_sdk_objects> ${module_objects})
+set(libraries)
+if(STGS_HAS_PREPARE)
+  foreach(module core imgproc imgcodecs videoio video calib3d features2d flann)
+    list(APPEND libraries opencv_${module})
+  endforeach()
+endif()
+target_link_libraries(stgs_encoder_sdk_static INTERFACE stgs_sdk_static ${libraries})
+list(TRANSFORM libraries PREPEND "-l")
+list(JOIN libraries " " STGS_ENCODER_PC_LIBRARIES)
+
+foreach(target stgs_encoder_sdk stgs_encoder_sdk_static)
+  set_target_properties(${target} PROPERTIES OUTPUT_NAME stgs_encoder LINKER_LANGUAGE CXX)
+endforeach()
+set_target_properties(stgs_encoder_sdk PROPERTIES EXPORT_NAME encoder)
+set_target_properties(stgs_encoder_sdk_static PROPERTIES EXPORT_NAME encoder_static)
+
+add_executable(stgs_encode_example examples/encode.c)
+set_target_properties(stgs_encode_example PROPERTIES C_STANDARD 99 C_EXTENSIONS OFF)
+target_compile_options(stgs_encode_example PRIVATE -pedantic -Wall -Wextra)
+target_link_libraries(stgs_encode_example PRIVATE stgs_encoder_sdk)
+
+install(TARGETS stgs_encoder_sdk EXPORT stgs-encoder
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT encoder NAMELINK_COMPONENT encoder_dev)
+install(TARGETS stgs_encoder_sdk_static EXPORT stgs-encoder_static
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT encoder_dev)
+foreach(component encoder encoder_static)
+  install(EXPORT stgs-${component} NAMESPACE stgs:: COMPONENT encoder_dev
+          DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/stgs)
+endforeach()
+install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder.hpp
+        DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)

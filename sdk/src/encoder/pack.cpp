@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/pack.h"
+
+#include <algorithm>
+
+#include "encoder/encoder.h"
+#include "stgs/format/output_place.h"
+
+namespace stgs::sdk {
+namespace {
+
+stgs_pack_settings default_settings() {
+  const encoder::PackSettings defaults;
+  stgs_pack_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.profile = STGS_PROFILE_QUANTISED;
+  settings.tiers = defaults.tiers;
+  settings.quality = defaults.quality;
+  return settings;
+}
+
+bool is_zero(const float* v) {
+  return v[0] == 0 && v[1] == 0 && v[2] == 0;
+}
+
+Outcome check(const stgs_pack_settings& s) {
+  constexpr double kFar = 1e9;
+  STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
+  STGS_SDK_TRY(check_range("tiers", s.tiers, 1, 16));
+  STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
+  STGS_SDK_TRY(check_range("target_kbps", s.target_kbps, 0.001, 1e9, "none"));
+  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));
+  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "by the lifespans"));
+  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "as the scene says"));
+  for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
+  STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
+  for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
+  return check_range("sound_begin", s.sound_begin, -1e6, 1e6);
+}
+
+encoder::PackSettings packing_of(const stgs_pack_settings& s) {
+  encoder::PackSettings settings;
+  settings.profile = s.profile == STGS_PROFILE_DRACO ? Profile::kDraco : Profile::kQuantised;
+  settings.tiers = s.tiers;
+  settings.quality = s.quality;
+  settings.target_kbps = s.target_kbps;
+  settings.max_error = s.max_error;
+  settings.chunk_seconds = s.chunk_seconds;
+  settings.against = text_of(s.against);
+  if (s.metres_per_unit > 0) settings.metres_per_unit = static_cast<float>(s.metres_per_unit);
+  if (!is_zero(s.up)) settings.up = {s.up[0], s.up[1], s.up[2]};
+  if (s.has_floor != 0) settings.floor = {s.floor[0], s.floor[1], s.floor[2]};
+  if (s.sound != nullptr) settings.sound = s.sound;
+  settings.sound_begin = s.sound_begin;
+  return settings;
+}
+
+Outcome take_scenes(const char* const* scenes, std::uint32_t count, std::vector<std::string>& out) {
+  if (scenes == nullptr || count == 0) {
+    return {STGS_ERROR_ARGUMENT, "scenes is NULL or count 0: give a scene at least"};
+  }
+  for (std::uint32_t i = 0; i < count; ++i) {
+    STGS_SDK_TRY(check_path(fmt::format("scenes[{}]", i).c_str(), scenes[i]));
+    out.emplace_back(scenes[i]);
+  }
+  return {};
+}
+
+Status pack(const std::vector<std::string>& scenes, const char* output, const stgs_pack_settings& s,
+            const encoder::ProgressSink& progress, const encoder::LogSink& log,
+            encoder::PackReport& report) {
+  for (const std::string& scene : scenes) {
+    STGS_TRY(check_distinct({{"scenes", scene}, {"output", output}}));
+  }
+  STGS_TRY(check_can_write(output));
+  return encoder::pack(scenes, output, packing_of(s), &report, progress, log);
+}
+
+void tell(const encoder::PackReport& from, stgs_pack_report* to) {
+  stgs_pack_report report{};
+  const auto psnr = [](const std::optional<encoder::HeldOutScore>& score) {
+    return score ? score->psnr : 0.0;
+  };
+  report.primitives = from.primitives;
+  report.dropped = from.dropped;
+  report.lost_segments = from.lost_segments;
+  report.lost_harmonics = from.lost_harmonics;
+  report.bytes_in = from.bytes_in;
+  report.bytes_out = from.bytes_out;
+  report.quality = from.quality;
+  report.kbps = from.kbps;
+  report.position_max = from.position_max;
+  report.position_rms = from.position_rms;
+  report.colour_rms = from.colour_rms;
+  report.opacity_max = from.opacity_max;
+  report.visibility_max = from.visibility_max;
+  report.time_max = from.time_max;
+  report.radius_max = from.radius_max;
+  report.sigma_max = from.sigma_max;
+  report.pictures_psnr = from.pictures_psnr.value_or(0.0);
+  report.held_out_before = psnr(from.held_out_before);
+  report.held_out_after = psnr(from.held_out_after);
+  give_struct(to, report);
+}
+
+}  // namespace
+}  // namespace stgs::sdk
+
+extern "C" {
+
+stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+}
+
+stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, uint32_t count,
+                              const char* output, const stgs_pack_settings* settings,
+                              stgs_pack_report* report) {
+  using namespace stgs::sdk;
+  return guarded(encoder, [&]() -> Outcome {
+    std::vector<std::string> taken_scenes;
+    STGS_SDK_TRY(take_scenes(scenes, count, taken_scenes));
+    STGS_SDK_TRY(check_path("output", output));
+    STGS_SDK_TRY(check_report(report));
+    stgs_pack_settings taken = default_settings();
+    STGS_SDK_TRY(take_settings(settings, taken));
+    STGS_SDK_TRY(check(taken));
+    stgs::encoder::PackReport packed;
+    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kOwn, [&](const auto& progress, const auto& log) {
+      return pack(taken_scenes, output, taken, progress, log, packed);
+    }));
+    if (report != nullptr) tell(packed, report);
+    return {};
+  });
+}
+
+}  // extern "C"

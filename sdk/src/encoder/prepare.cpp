@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/prepare.h"
+
+#include <algorithm>
+
+#include "encoder/encoder.h"
+#include "stgs/encoder/prepared_capture.h"
+
+namespace stgs::sdk {
+namespace {
+
+stgs_prepare_settings default_settings() {
+  const encoder::PrepareSettings defaults;
+  stgs_prepare_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.layout = STGS_LAYOUT_AUTO;
+  settings.first_frame = defaults.first_frame;
+  settings.end_frame = defaults.end_frame;
+  settings.scale = defaults.scale;
+  settings.default_test_cameras = 1;
+  settings.separate_motion = 1;
+  settings.seed = defaults.seed;
+  return settings;
+}
+
+Outcome check_test_cameras(const stgs_prepare_settings& s) {
+  STGS_SDK_TRY(check_flag("default_test_cameras", s.default_test_cameras));
+  if (s.test_camera_count == 0) return {};
+  if (s.default_test_cameras != 0) {
+    return {STGS_ERROR_ARGUMENT,
+            "settings: default_test_cameras is 1 and there are test_cameras; set it to 0, or "
+            "test_camera_count"};
+  }
+  if (s.test_cameras == nullptr) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("settings: test_cameras is NULL and test_camera_count {}; give as many "
+                        "names",
+                        s.test_camera_count)};
+  }
+  for (std::uint32_t i = 0; i < s.test_camera_count; ++i) {
+    if (s.test_cameras[i] == nullptr) {
+      return {STGS_ERROR_ARGUMENT, fmt::format("settings: test_cameras[{}] is NULL", i)};
+    }
+  }
+  return {};
+}
+
+Outcome check(const stgs_prepare_settings& s) {
+  constexpr double kMostPoints = 1e9;
+  STGS_SDK_TRY(check_range("layout", s.layout, STGS_LAYOUT_AUTO, STGS_LAYOUT_VIDEOS));
+  STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
+  STGS_SDK_TRY(check_range("scale", s.scale, 0.01, 1));
+  STGS_SDK_TRY(check_test_cameras(s));
+  STGS_SDK_TRY(check_range("fps", s.fps, 0.001, 100000, "what the layout says"));
+  STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
+  const char* const by_size = "by the pictures' size";
+  STGS_SDK_TRY(check_range("max_dynamic_points", s.max_dynamic_points, 1, kMostPoints, by_size));
+  STGS_SDK_TRY(check_range("max_static_points", s.max_static_points, 1, kMostPoints, by_size));
+  return check_flag("overwrite", s.overwrite);
+}
+
+#ifdef STGS_HAS_PREPARE
+
+encoder::Layout layout_of(stgs_layout layout) {
+  using encoder::Layout;
+  constexpr Layout kLayouts[] = {Layout::kAuto,       Layout::kN3dv,   Layout::kPanoptic,
+                                 Layout::kEasyVolcap, Layout::kColmap, Layout::kNerfstudio,
+                                 Layout::kVideos};
+  return kLayouts[layout];
+}
+
+Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_settings& s,
+                const encoder::ProgressSink& progress, const encoder::LogSink& log) {
+  encoder::PrepareSettings settings;
+  settings.layout = layout_of(s.layout);
+  settings.first_frame = s.first_frame;
+  settings.end_frame = s.end_frame;
+  settings.scale = s.scale;
+  settings.default_test_cameras = s.default_test_cameras != 0;
+  settings.test_cameras.assign(s.test_cameras, s.test_cameras + s.test_camera_count);
+  settings.fps = s.fps;
+  settings.separate_motion = s.separate_motion != 0;
+  settings.max_dynamic_points = static_cast<int>(s.max_dynamic_points);
+  settings.max_static_points = static_cast<int>(s.max_static_points);
+  settings.seed = s.seed;
+  settings.overwrite = s.overwrite != 0;
+  return encoder::prepare(capture, prepared, settings, progress, log);
+}
+
+#else
+
+Outcome prepare(const char* capture, const char*, const stgs_prepare_settings&,
+                const encoder::ProgressSink&, const encoder::LogSink&) {
+  return not_built(
+      "{}: this build cannot prepare captures: it was made without OpenCV; prepare with another",
+      capture);
+}
+
+#endif
+
+Outcome tell(const char* prepared, stgs_prepare_report* to) {
+  STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(prepared));
+  const auto& cameras = capture.cameras;
+  stgs_prepare_report report{};
+  report.cameras = static_cast<std::uint32_t>(cameras.size());
+  report.test_cameras = static_cast<std::uint32_t>(
+      std::count_if(cameras.begin(), cameras.end(), [](const auto& c) { return c.test; }));
+  report.frames = static_cast<std::uint32_t>(capture.frames);
+  report.frames_per_second = 1.0 / capture.time_base.seconds(1);
+  give_struct(to, report);
+  return {};
+}
+
+}  // namespace
+}  // namespace stgs::sdk
+
+extern "C" {
+
+stgs_result stgs_prepare_settings_defaults(stgs_prepare_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+}
+
+stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, const char* prepared,
+                                 const stgs_prepare_settings* settings,
+                                 stgs_prepare_report* report) {
+  using namespace stgs::sdk;
+  return guarded(encoder, [&]() -> Outcome {
+    STGS_SDK_TRY(check_path("capture", capture));
+    STGS_SDK_TRY(check_path("prepared", prepared));
+    STGS_SDK_TRY(check_report(report));
+    stgs_prepare_settings taken = default_settings();
+    STGS_SDK_TRY(take_settings(settings, taken));
+    STGS_SDK_TRY(check(taken));
+    STGS_SDK_TRY(
+        run_work(*encoder, ThreadLimit::kProcess, [&](const auto& progress, const auto& log) {
+          return prepare(capture, prepared, taken, progress, log);
+        }));
+    return report == nullptr ? Outcome() : tell(prepared, report);
+  });
+}
+
+}  // extern "C"

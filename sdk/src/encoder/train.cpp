@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/encoder/train.h"
+
+#include <filesystem>
+
+#include "encoder/encoder.h"
+#include "stgs/encoder/windows.h"
+#include "stgs/format/output_place.h"
+
+namespace stgs::sdk {
+namespace {
+
+constexpr double kMostIterations = 1e8;
+
+stgs_train_settings default_settings() {
+  const encoder::TrainSettings defaults;
+  stgs_train_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.seed = defaults.seed;
+  settings.end_frame = -1;
+  settings.checkpoint_interval = static_cast<std::uint32_t>(defaults.checkpoint_interval);
+  settings.held_out_measures = static_cast<std::uint32_t>(defaults.held_out_measures);
+  return settings;
+}
+
+Outcome check_parameters(const stgs_train_settings& s) {
+  if (s.parameter_count > 0 && s.parameters == nullptr) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("settings: parameters is NULL and parameter_count {}; give as many",
+                        s.parameter_count)};
+  }
+  for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
+    if (s.parameters[i].name == nullptr || s.parameters[i].value == nullptr) {
+      return {STGS_ERROR_ARGUMENT, fmt::format("settings: parameters[{}] has a NULL", i)};
+    }
+  }
+  return {};
+}
+
+Outcome check(const stgs_train_settings& s) {
+  const char* const by_preset = "the preset's";
+  STGS_SDK_TRY(check_range("preset", s.preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST));
+  if (s.backend == STGS_BACKEND_VULKAN) {
+    return {STGS_ERROR_NOT_BUILT,
+            "settings: backend is STGS_BACKEND_VULKAN, which draws and does not train; it can be "
+            "STGS_BACKEND_AUTO, _CPU or _CUDA"};
+  }
+  STGS_SDK_TRY(check_range("backend", s.backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA));
+  STGS_SDK_TRY(check_range("iterations", s.iterations, 1, kMostIterations, by_preset));
+  STGS_SDK_TRY(check_range("max_primitives", s.max_primitives, 1, 2e8, by_preset));
+  STGS_SDK_TRY(check_range("max_seconds", s.max_seconds, 1, 1e8, "no limit"));
+  STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
+  STGS_SDK_TRY(check_range("checkpoint_interval", s.checkpoint_interval, 1, kMostIterations));
+  STGS_SDK_TRY(check_range("held_out_measures", s.held_out_measures, 0, 1e6));
+  return check_parameters(s);
+}
+
+encoder::TrainSettings training_of(const stgs_train_settings& s) {
+  constexpr const char* kPresets[] = {"default", "fast", "best"};
+  constexpr const char* kBackends[] = {"auto", "cpu", "cuda"};
+  encoder::TrainSettings settings;
+  settings.preset = kPresets[s.preset];
+  settings.backend = kBackends[s.backend];
+  settings.iterations = static_cast<int>(s.iterations);
+  settings.max_primitives = static_cast<int>(s.max_primitives);
+  settings.max_seconds = s.max_seconds;
+  settings.seed = s.seed;
+  settings.checkpoint = text_of(s.checkpoint);
+  settings.checkpoint_interval = static_cast<int>(s.checkpoint_interval);
+  settings.resume = text_of(s.resume);
+  settings.log_path = text_of(s.log_path);
+  settings.held_out_measures = static_cast<int>(s.held_out_measures);
+  settings.frame_memory = s.frame_memory;
+  settings.perceptual_weights = text_of(s.perceptual_weights);
+  for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
+    settings.overrides.emplace_back(s.parameters[i].name, s.parameters[i].value);
+  }
+  return settings;
+}
+
+// Places that are written to can be, and none is another, but that a checkpoint may go on in its
+// own.
+Status check_places(const std::string& scene, const encoder::TrainSettings& settings) {
+  std::vector<NamedPlace> places = {
+      {"scene", scene}, {"checkpoint", settings.checkpoint}, {"log_path", settings.log_path}};
+  if (check_distinct({places[1], {"resume", settings.resume}}).ok()) {
+    places.push_back({"resume", settings.resume});
+  }
+  STGS_TRY(check_distinct(places));
+  for (const std::string* path : {&scene, &settings.checkpoint, &settings.log_path}) {
+    if (!path->empty()) STGS_TRY(check_can_write(*path));
+  }
+  return {};
+}
+
+Result<encoder::PreparedCapture> capture_of(const char* prepared, const stgs_train_settings& s) {
+  STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(prepared));
+  if (s.first_frame == 0 && s.end_frame == -1) return capture;
+  return encoder::window_of(capture,
+                            {s.first_frame, s.end_frame == -1 ? capture.frames : s.end_frame});
+}
+
+Status train(const char* prepared, const std::string& scene, const stgs_train_settings& s,
+             const encoder::ProgressSink& progress, const encoder::LogSink& log,
+             encoder::TrainReport& report) {
+  const encoder::TrainSettings settings = training_of(s);
+  STGS_TRY(check_places(scene, settings));
+  STGS_ASSIGN(const encoder::PreparedCapture capture, capture_of(prepared, s));
+  if (!settings.checkpoint.empty()) {
+    for (const std::string& file : remove_stale_files(settings.checkpoint)) {
+      log(2, fmt::format("{}: removed, a killed training had left it", file));
+    }
+  }
+  STGS_ASSIGN(const Scene trained, encoder::train(capture, settings, progress, log, &report));
+  WriteSettings writing;
+  writing.profile = Profile::kLossless;
+  return write_scene(scene, trained, writing);
+}
+
+Outcome tell(const encoder::TrainReport& from, const char* scene, stgs_train_report* to) {
+  stgs_train_report report{};
+  std::error_code error;
+  report.bytes = std::filesystem::file_size(scene, error);
+  if (error) return io_error("{}: cannot be read: {}", scene, error.message());
+  report.backend = from.backend.rfind("cpu", 0) == 0 ? STGS_BACKEND_CPU : STGS_BACKEND_CUDA;
+  report.iterations = static_cast<std::uint64_t>(from.iterations);
+  report.primitives = from.primitives;
+  report.seconds = from.seconds;
+  report.loss = from.final_loss;
+  report.held_out_psnr = from.held_out ? from.held_out->psnr : 0.0;
+  report.held_out_pictures =
+      from.held_out ? static_cast<std::uint32_t>(from.held_out->pictures) : 0;
+  give_struct(to, report);
+  return {};
+}
+
+}  // namespace
+}  // namespace stgs::sdk
+
+extern "C" {
+
+stgs_result stgs_train_settings_defaults(stgs_train_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+}
+
+stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, const char* scene,
+                               const stgs_train_settings* settings, stgs_train_report* report) {
+  using namespace stgs::sdk;
+  return guarded(encoder, [&]() -> Outcome {
+    STGS_SDK_TRY(check_path("prepared", prepared));
+    STGS_SDK_TRY(check_path("scene", scene));
+    STGS_SDK_TRY(check_report(report));
+    stgs_train_settings taken = default_settings();
+    STGS_SDK_TRY(take_settings(settings, taken));
+    STGS_SDK_TRY(check(taken));
+    stgs::encoder::TrainReport trained;
+    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kOwn, [&](const auto& progress, const auto& log) {
+      return train(prepared, scene, taken, progress, log, trained);
+    }));
+    return report == nullptr ? Outcome() : tell(trained, scene, report);
+  });
+}
+
+stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
+                                        const stgs_train_settings* settings) {
+  using namespace stgs::sdk;
+  return guarded(encoder, [&]() -> Outcome {
+    stgs_train_settings taken = default_settings();
+    STGS_SDK_TRY(take_settings(settings, taken));
+    STGS_SDK_TRY(check(taken));
+    return run_work(*encoder, ThreadLimit::kOwn, [&](const auto&, const auto&) {
+      return stgs::encoder::check_training(training_of(taken), nullptr);
+    });
+  });
+}
+
+}  // extern "C"
