@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface of the encoder: from a capture to a scene that is drawn, stopped at any stage,
 // resumed, and with settings that are none.
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -547,6 +549,36 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
   CHECK(stgs_encoder_pack(encoder.get(), nullptr, 1, scene.c_str(), nullptr, nullptr) ==
         STGS_ERROR_ARGUMENT);
   CHECK(std::string(encoder.error().message).find("scenes") != std::string::npos);
+}
+
+TEST_CASE("an encoder keeps to its threads, and gives the process its own back", "[sdk]") {
+  const Prepared prepared;
+  Watched encoder(1);
+  int threads = 0;
+  encoder.stop = [&](const stgs_encoder_progress&) {
+    const auto limit =
+        tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+    threads = std::max(threads,
+                       std::min(tbb::this_task_arena::max_concurrency(), static_cast<int>(limit)));
+    return false;
+  };
+  const auto before =
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  const stgs_train_settings settings = short_training(5);
+  REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(),
+                             prepared.at("scene.stgs").c_str(), &settings, nullptr) == STGS_OK);
+  CHECK(threads == 1);
+#ifdef STGS_HAS_PREPARE
+  threads = 0;
+  stgs_prepare_settings preparing;
+  REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
+  preparing.end_frame = 1;
+  preparing.scale = 0.1;
+  CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", prepared.at("out").c_str(),
+                             &preparing, nullptr) == STGS_OK);
+  CHECK(threads == 1);
+#endif
+  CHECK(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) == before);
 }
 
 TEST_CASE("windows of a capture are trained apart and packed together", "[sdk]") {

@@ -43,7 +43,7 @@ Settings defaults_of(stgs_result (*defaults)(Settings*, std::size_t)) {
 }  // namespace
 
 TEST_CASE("structs of the encoder are of any version of its header", "[sdk]") {
-  const test::SyntheticCapture synthetic(fmt::format("sdk_encoder_structs_{}", ::getpid()), 2, 2);
+  const test::SyntheticCapture synthetic(fmt::format("sdk_encoder_structs_{}", ::getpid()), 3, 2);
   const std::string& folder = synthetic.capture.folder;
   const std::string scene = folder + "/scene.stgs", packed = folder + "/packed.stgs";
   const std::string checkpoint = folder + "/run.ckpt";
@@ -67,6 +67,7 @@ TEST_CASE("structs of the encoder are of any version of its header", "[sdk]") {
   });
   // Of a run that had ended, which tells the same each time.
   training.iterations = 3;
+  training.max_primitives = 100;
   training.checkpoint = checkpoint.c_str();
   REQUIRE(stgs_encoder_train(encoder.get(), folder.c_str(), scene.c_str(), &training, nullptr) ==
           STGS_OK);

@@ -31,8 +31,8 @@ extern "C" {
 
 typedef struct stgs_encoder stgs_encoder;
 
-/* Where a call is. Texts last until the callback returns. struct_size is the library's: an older one
- * than the header has no members beyond it. */
+/* Where a call is. Texts last until the callback returns. struct_size is the library's: an older
+ * one than the header has no members beyond it. */
 typedef struct stgs_encoder_progress {
   size_t struct_size;
   const char* stage;   /* what is done now: "frames", "depth range", "train", "pack" and others */
