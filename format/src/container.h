@@ -225,6 +225,8 @@ void check_private_record(const RecordHeader& record, std::span<const std::uint8
 void check_private_layouts(const LayoutSet& set, std::uint64_t offset, const FileHead& head,
                            Findings& findings);
 void check_private_numbers(const FileHead& head, Findings& findings);
+// What each entry of an index counts of the limit of memory, and how many do not (conformance 1.5).
+inline constexpr std::uint64_t kEntryMemory = 512, kFreeEntries = 1024;
 // Where the records of an index lie in the file.
 struct RecordArea {
   std::uint64_t begin = 0, end = 0;

@@ -106,7 +106,7 @@ class IndexReader {
                       head_.parts.size(), part.begin, part.end, shown.begin, shown.end);
       return false;
     }
-    if (!advance(part.skip, at)) return false;
+    if (!advance(part.skip, at) || !take_entry(at)) return false;
     head_.parts.push_back(part);
     Places places;
     last_.reset();
@@ -114,6 +114,19 @@ class IndexReader {
       if (!read_segment(places)) return false;
     }
     return true;
+  }
+
+  // That one entry more keeps the limit of memory (conformance 1.5).
+  bool take_entry(std::uint64_t at) {
+    const FileIndex& index = head_.index;
+    const std::uint64_t entries =
+        head_.parts.size() + index.segments.size() + index.further.size() + 1;
+    const std::uint64_t limit = head_.limits.max_memory;
+    if (entries <= kFreeEntries || entries - kFreeEntries <= limit / kEntryMemory) return true;
+    findings_.unsupported(N::kMemoryLimit, at,
+                          "index: {} entries take more memory than the limit of {} bytes", entries,
+                          limit);
+    return false;
   }
 
   // Moves over bytes of the body.
@@ -164,7 +177,8 @@ class IndexReader {
     const std::size_t first = head_.index.segments.size();
     for (std::uint64_t t = 0; t < tiers; ++t) {
       base.layer = layer_of(Content::kPrimitives, static_cast<int>(t));
-      if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at)) {
+      if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at) ||
+          !take_entry(at)) {
         return false;
       }
       head_.index.segments.push_back(segment);
@@ -195,7 +209,7 @@ class IndexReader {
       }
       entry.layer = static_cast<std::uint16_t>(layer);
       entry.primitives = 0;
-      if (!take_record(entry, at)) return false;
+      if (!take_record(entry, at) || !take_entry(at)) return false;
       head_.index.further.push_back({entry, part});
     }
     return in_.ok() || cut_off();

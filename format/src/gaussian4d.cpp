@@ -55,6 +55,18 @@ void Gaussians4D::resize(std::size_t n) {
   });
 }
 
+void Gaussians4D::reserve(std::size_t n) {
+  for_each_attribute(*this, *this, [n](auto& array, auto&, int components) {
+    array.reserve(n * static_cast<std::size_t>(components));
+  });
+}
+
+void Gaussians4D::append(const Gaussians4D& other) {
+  for_each_attribute(*this, other, [](auto& to, const auto& from, int) {
+    to.insert(to.end(), from.begin(), from.end());
+  });
+}
+
 void Gaussians4D::append(const Gaussians4D& other, std::size_t i) {
   for_each_attribute(*this, other, [i](auto& to, const auto& from, int components) {
     const auto first = from.begin() + static_cast<std::ptrdiff_t>(i) * components;

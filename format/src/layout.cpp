@@ -135,18 +135,20 @@ bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_
   return true;
 }
 
-// What is wrong with a row is its layout's alone, as long as the row has its bytes.
-void read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set, Layout& layout) {
+// What is wrong with a row is its layout's alone, as long as the row has its bytes. The rows.
+std::size_t read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set,
+                        Layout& layout) {
   const std::uint64_t at = offset + in.position() + 1;
   std::vector<std::span<const std::uint8_t>> rows(in.u8());
   for (auto& row : rows) row = in.bytes(in.u16());
-  if (!in.ok()) return;  // which the caller tells
+  if (!in.ok()) return 0;  // which the caller tells
   Findings found;
-  if (read_rows(rows, at, set, layout, found)) return;
+  if (read_rows(rows, at, set, layout, found)) return rows.size();
   Issue issue = std::move(found.take().front());
   layout.problem = issue.number;
   layout.problem_at = issue.offset;
   layout.why = std::move(issue.message);
+  return rows.size();
 }
 
 }  // namespace
@@ -227,9 +229,16 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables
     findings.error(N::kLayouts, offset, "layouts: {}, more than {}", layouts, kMaxLayouts);
     return false;
   }
+  std::size_t rows = 0;
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
-    read_layout(in, offset, set, layout);
+    rows += read_layout(in, offset, set, layout);
+    if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
+      findings.unsupported(N::kMemoryLimit, offset,
+                           "layouts: their rows take more memory than the limit of {} bytes",
+                           memory);
+      return false;
+    }
     set.layouts.push_back(std::move(layout));
   }
   if (!in.ok()) {

@@ -17,6 +17,8 @@ inline constexpr std::size_t kMaxTables = 1024;
 inline constexpr std::size_t kMaxOwnTables = 256;  // of a record's own layout
 // What a table takes once it can be looked up (conformance 1.5).
 inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
+// What each row of layouts counts of the limit of memory, and how many do not (conformance 1.5).
+inline constexpr std::uint64_t kRowMemory = 128, kFreeRows = 1024;
 inline constexpr std::size_t kMaxLayouts = 65534;
 inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // a record has its layout in itself
 

@@ -2,7 +2,6 @@
 // All segments of a file as one scene.
 #include <algorithm>
 #include <exception>
-#include <numeric>
 
 #include "container.h"
 #include "lost_records.h"
@@ -11,22 +10,8 @@
 namespace stgs {
 namespace {
 
-// Copies `part` into `whole` from primitive `first` on.
-void place_part(const Gaussians4D& part, std::size_t first, Gaussians4D& whole) {
-  const auto copy = [first](const FloatArray& from, FloatArray& to, std::size_t components) {
-    std::copy(from.begin(), from.end(),
-              to.begin() + static_cast<std::ptrdiff_t>(first * components));
-  };
-  copy(part.position, whole.position, 3);
-  copy(part.log_scale, whole.log_scale, 3);
-  copy(part.rotation, whole.rotation, 4);
-  copy(part.opacity_logit, whole.opacity_logit, 1);
-  copy(part.sh, whole.sh, 3 * static_cast<std::size_t>(part.sh_coefficients()));
-  copy(part.time, whole.time, 1);
-  copy(part.velocity, whole.velocity, 3);
-  copy(part.sigma, whole.sigma, 1);
-  copy(part.radius, whole.radius, 1);
-}
+// What a batch of segments takes while it is decoded, for each thread.
+constexpr std::uint64_t kBatchBytes = std::uint64_t{64} << 20;
 
 // The segments from `begin` on that decoding at once takes less than the limit for, at least one:
 // their bytes, their floats, and planes of no more bytes than these (spec 7.3).
@@ -49,26 +34,31 @@ struct Outcome {
   Status base, harmonics;
 };
 
+// Appends to `whole` what of the segments is sound. Memory is taken for what has been decoded, not
+// for what an index says (spec 5.5).
 std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memory,
                               Gaussians4D& whole) {
   const std::size_t count = reader.segments().size();
-  std::vector<std::size_t> first(count);
-  std::size_t total = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    first[i] = total;
-    total += reader.segments()[i].primitives;
-  }
+  const std::uint64_t most =
+      std::min(max_memory, kBatchBytes * static_cast<std::uint64_t>(concurrency()));
   whole.sh_degree = reader.sh_degree();
-  whole.resize(total);
   std::vector<Outcome> outcomes(count);
   for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
-    end = end_of_batch(reader, begin, max_memory);
+    end = end_of_batch(reader, begin, most);
+    std::vector<Gaussians4D> decoded(end - begin);
     parallel_for(begin, end, [&](std::size_t i) {
       Result<Gaussians4D> part =
           reader.decode_sound(static_cast<std::uint32_t>(i), outcomes[i].harmonics);
       outcomes[i].base = part.status();
-      if (part.ok()) place_part(*part, first[i], whole);
+      if (part.ok()) decoded[i - begin] = std::move(part).value();
     });
+    std::size_t need = whole.size();
+    for (const Gaussians4D& part : decoded) need += part.size();
+    // Doubled, but for the last time.
+    if (need > whole.position.capacity() / 3) {
+      whole.reserve(std::clamp<std::uint64_t>(2 * whole.size(), need, reader.primitives()));
+    }
+    for (const Gaussians4D& part : decoded) whole.append(part);
   }
   return outcomes;
 }
@@ -112,25 +102,17 @@ Status read_importance(const SceneReader& reader, SceneLosses& losses, Scene& sc
   return {};
 }
 
-// Takes the primitives of lost segments out of the scene.
+// Takes lost segments, whose primitives are not there, out of parts and importances.
 void leave_out(const SceneReader& reader, const std::vector<Outcome>& outcomes, Scene& scene) {
-  std::vector<std::uint32_t> kept;
-  std::uint32_t next = 0;
-  scene.parts = reader.parts();
+  std::vector<float> importance;
+  auto next = scene.importance.begin();
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const SegmentInfo& segment = reader.segments()[i];
-    if (outcomes[i].base.ok()) {
-      kept.resize(kept.size() + segment.primitives);
-      std::iota(kept.end() - segment.primitives, kept.end(), next);
-    } else {
-      scene.parts[segment.part].primitives -= segment.primitives;
-    }
+    if (!outcomes[i].base.ok()) scene.parts[segment.part].primitives -= segment.primitives;
+    if (scene.importance.empty()) continue;
+    if (outcomes[i].base.ok()) importance.insert(importance.end(), next, next + segment.primitives);
     next += segment.primitives;
   }
-  scene.gaussians = scene.gaussians.gather(kept);
-  if (scene.importance.empty()) return;
-  std::vector<float> importance;
-  for (const std::uint32_t i : kept) importance.push_back(scene.importance[i]);
   scene.importance = std::move(importance);
 }
 

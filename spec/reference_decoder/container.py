@@ -28,6 +28,7 @@ class File:
     profile: int = 0
     layouts: object = field(default_factory=layouts.Layouts)
     tiers: list = field(default_factory=list)
+    entries: int = 0         # of the index: parts, tiers, further records
     limits: Limits = None
     body_at: int = 0         # behind the last record that the index tells
     end: int = 0             # of what is complete
@@ -219,6 +220,8 @@ def read_fragments(file):  # 5.12
 def check_limits(file, limits):
     total = sum(tier.n for tier in file.tiers)
     need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
+    need(512 * (file.entries - 1024) <= limits.max_memory, "conformance 1.5",
+         f"{file.entries} entries of the index", unsupported=True)
     for tier in file.tiers:
         need(floats_bytes(file, tier) <= limits.max_memory, "conformance 1.5",
              f"{tier.n} primitives in a segment", unsupported=True)

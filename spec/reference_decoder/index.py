@@ -69,6 +69,7 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
     need(not cut or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
     at += skip
     need(at <= body_end, "5.3", "a skip beyond the body")
+    file.entries += 1
     last_slot, last_order = {}, None
     for _ in range(count_of(fields, "5.3")):
         place, shape = fields.number(), fields.number()
@@ -96,6 +97,7 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             layer = fields.number()
             need(512 <= layer <= 65535, "5.3", f"layer {layer} of a further record")
             further.append(fields.number())
+        file.entries += tiers + len(further)
         records = []
         for size in sizes + extra + further:
             need(at + RECORD + size <= body_end, "5.3", "a record outside the body")

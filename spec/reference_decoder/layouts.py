@@ -46,7 +46,7 @@ class Layouts:
     layouts: list = field(default_factory=list)
 
 
-def read_layouts(fields, memory, most=1024):  # 6.2; memory: what the tables may take
+def read_layouts(fields, memory, most=1024):  # 6.2; memory: what tables and rows may take
     out = Layouts()
     count = fields.u16()
     need(count <= most, "6.2" if most == 1024 else "6.1", f"{count} tables")
@@ -54,8 +54,11 @@ def read_layouts(fields, memory, most=1024):  # 6.2; memory: what the tables may
     out.tables = [rans.Table(fields) for _ in range(count)]
     count = fields.u16()
     need(count <= 65534, "6.2", f"{count} layouts")
+    held = 0
     for _ in range(count):
         rows = [fields.bytes(fields.u16()) for _ in range(fields.u8())]
+        held += len(rows)
+        need(128 * (held - 1024) <= memory, "conformance 1.5", f"{held} rows", unsupported=True)
         try:
             out.layouts.append(read_layout(rows, out.tables))
         except Refused as error:  # of the records that name it

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <catch2/catch.hpp>
+#include <memory_resource>
 #include <set>
 
 #include "damage_fixture.h"
 #include "head_fixture.h"
+#include "stgs/format/scene_losses.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -70,6 +72,42 @@ long peak_kib() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return usage.ru_maxrss;
+}
+
+// Counts what is taken on the heap.
+class Counting final : public std::pmr::memory_resource {
+ public:
+  std::uint64_t most = 0;
+
+ private:
+  void* do_allocate(std::size_t bytes, std::size_t alignment) override {
+    held_ += bytes;
+    most = std::max(most, held_);
+    return std::pmr::new_delete_resource()->allocate(bytes, alignment);
+  }
+  void do_deallocate(void* memory, std::size_t bytes, std::size_t alignment) override {
+    held_ -= bytes;
+    std::pmr::new_delete_resource()->deallocate(memory, bytes, alignment);
+  }
+  bool do_is_equal(const memory_resource& other) const noexcept override { return this == &other; }
+  std::uint64_t held_ = 0;
+};
+
+// A file of one segment, which states so many primitives; its record is not there, or is zeros.
+Bytes stated(std::uint32_t primitives, bool there) {
+  FileHead head;
+  head.index.chunk_ticks = 1;
+  head.index.primitives = primitives;
+  head.parts.push_back({0, 30, 0});
+  const std::uint64_t bytes = primitives / kMostPrimitivesPerByte + kRecordHeaderBytes;
+  head.index.segments.push_back({{-1, 0, 0, 0, bytes, primitives}, {}, 0});
+  FileMetadata metadata;
+  metadata.scene.frames = 30;
+  Bytes file = file_of({write_record(kMetadataTag, write_metadata(metadata)),
+                        write_record(kIndexTag, write_index(head.index, head.parts))},
+                       Bytes(bytes));
+  if (!there) file.resize(file.size() - bytes);
+  return file;
 }
 
 }  // namespace
@@ -176,4 +214,60 @@ TEST_CASE("all that decoding a segment takes counts") {
       CHECK(fits(2 * floats + stored + (std::uint64_t{2048} << 14)));
     }
   }
+}
+
+TEST_CASE("memory is taken for what has been decoded, not for what an index says") {
+  Counting heap;
+  std::pmr::memory_resource* const before = std::pmr::set_default_resource(&heap);
+  for (const bool there : {false, true}) {
+    SceneLosses losses;
+    const auto scene = read_sound_scene(memory_source(stated(1'000'000, there)), losses);
+    CHECK(scene.status().code() == StatusCode::kInvalidFile);
+  }
+  std::pmr::set_default_resource(before);
+  CHECK(heap.most < 10'000);
+}
+
+TEST_CASE("the entries of an index and the rows of layouts count as memory") {
+  const auto opening = [](const Bytes& bytes, std::uint64_t limit) {
+    ReadLimits limits;
+    limits.max_memory = limit;
+    return SceneReader::open(memory_source(bytes), limits).status();
+  };
+  FileHead head;
+  head.index.chunk_ticks = 1;
+  constexpr std::uint32_t kParts = 600;  // and as many segments
+  head.index.primitives = kParts;
+  for (std::uint32_t i = 0; i < kParts; ++i) {
+    head.parts.push_back({0, 30, 0});
+    head.index.segments.push_back({{-1, 0, 0, 0, kRecordHeaderBytes, 1}, {}, i});
+  }
+  FileMetadata metadata;
+  metadata.scene.frames = 30;
+  const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
+  const Bytes index = write_record(kIndexTag, write_index(head.index, head.parts));
+  const Bytes many = file_of({meta, index}, Bytes(kParts * kRecordHeaderBytes));
+  constexpr std::uint64_t kNeed = (2 * kParts - 1024) * 512;
+  CHECK(opening(many, kNeed).ok());
+  const Status refused = opening(many, kNeed - 1);
+  CHECK(refused.code() == StatusCode::kUnsupported);
+  CHECK(refused.message().find("issue 308") != std::string::npos);
+
+  // 10 layouts of 255 rows of an attribute that nobody knows.
+  ByteWriter rows;
+  rows.u16(0);
+  rows.u16(10);
+  for (int layout = 0; layout < 10; ++layout) {
+    rows.u8(255);
+    for (int row = 0; row < 255; ++row) {
+      rows.u16(6);
+      rows.u16(0x8000);
+      rows.u32(1);
+    }
+  }
+  const Bytes layouts = write_record(kLayoutTag, rows.take());
+  const Bytes one = write_record(kIndexTag, write_index({.chunk_ticks = 1}, {}));
+  const Bytes wide = file_of({meta, layouts, one});
+  CHECK(opening(wide, (2550 - 1024) * 128).ok());
+  CHECK(opening(wide, (2550 - 1024) * 128 - 1).code() == StatusCode::kUnsupported);
 }

@@ -2,7 +2,7 @@
 """What breaks a rule of the container: headers, heads, the index, limits (2 to 5)."""
 import struct
 
-from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, layouts_payload,
+from vector_file import (RANS, Body, File, Meta, Part, Segment, Stream, bits_of, layouts_payload, number,
                          record, text)
 from vector_growing import Fragment, growing
 from vector_list import coded, must_fail, plain, private, replaced, vector, with_byte
@@ -216,10 +216,32 @@ def broken_index():
               growing(stretches(7)), {"max_memory": sizes[3] + sizes[5] + sizes[6] - 1})
     must_fail("limit_of_a_fragment", "conformance 1.5", "one fragment, a byte more than the limit",
               growing(stretches(16)), {"max_memory": fragment_sizes(growing(stretches(16)))[15] - 1})
+    must_fail("limit_of_rows", "conformance 1.5", "1,275 rows of layouts, more than the limit",
+              plain(layouts=many_rows(5)), {"max_memory": 128 * 251 - 1})
+    vector("limit_of_rows_kept", "conformance 1.5", "1,275 rows of layouts that no record names",
+           plain(layouts=many_rows(5)), {"max_memory": 128 * 251})
+    # A part and 5 segments of 256 tiers, whose records are not there.
+    must_fail("limit_of_entries", "conformance 1.5", "1,281 entries of the index, more than the limit",
+              many_entries(5), {"max_memory": 512 * 257 - 1})
     must_fail("limit_of_primitives", "conformance 1.5", "3 primitives, the limit is 2", plain(),
            {"max_primitives": 2})
     must_fail("limit_of_memory", "conformance 1.5", "240 bytes of floats, the limit is 239", plain(),
            {"max_memory": 239})
+
+
+def many_rows(layouts):
+    """A LAYT of so many layouts of 255 rows, of attributes that nobody knows."""
+    row = struct.pack("<HHBBBB", 6, 0x8000, 1, 0, 0, 0)
+    return struct.pack("<HH", 0, layouts) + layouts * (bytes([255]) + 255 * row)
+
+
+def many_entries(segments):
+    """An index of so many segments of 256 tiers of a primitive, cut off behind the head."""
+    tiers = 256 * segments
+    row = number(1) + number(4 * 256) + 256 * (number(1) + number(40))
+    index = (struct.pack("<d", 1.0) + number(tiers) + number(0) + number(1) + struct.pack("<dd", 0, 30) +
+             number(0) + number(segments) + segments * row)
+    return File([], index=index, file_bytes=72 * tiers)
 
 
 def fragment_sizes(data):

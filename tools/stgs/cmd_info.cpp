@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "camera_file.h"
 #include "command.h"
@@ -15,6 +16,8 @@ namespace stgs::tools {
 namespace {
 
 constexpr int kFileSize = 106;  // issue number, spec/conformance.md
+// Rows of a table in text; JSON has all.
+constexpr std::size_t kMostRows = 1000;
 
 double bytes_per_primitive(const SceneReader& reader) {
   return reader.primitives() == 0
@@ -206,6 +209,11 @@ Json to_json(const SceneReader& reader, const std::string& path) {
   return json;
 }
 
+std::string rows_left_out(std::size_t rows, const char* of_what) {
+  if (rows <= kMostRows) return {};
+  return fmt::format("  and {} more {}: --format json lists all\n", rows - kMostRows, of_what);
+}
+
 std::string to_text(const SceneReader& reader, const std::string& path) {
   const SceneMetadata& m = reader.metadata();
   std::string out = fmt::format(
@@ -276,11 +284,13 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                     m.window->first_frame + m.frames, m.window->capture_frames);
   }
   if (reader.parts().size() > 1) {
-    for (const ScenePart& part : reader.parts()) {
+    for (std::size_t i = 0; i < std::min(reader.parts().size(), kMostRows); ++i) {
+      const ScenePart& part = reader.parts()[i];
       out += fmt::format("  part             {:.3f} s to {:.3f} s, {} primitives\n",
                          m.time_base.seconds(part.shown().begin),
                          m.time_base.seconds(part.shown().end), part.primitives);
     }
+    out += rows_left_out(reader.parts().size(), "parts");
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", one_line(m.title));
   if (!m.generator.empty()) {
@@ -291,13 +301,14 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   out += to_text(decoder_needs(reader));
   out +=
       "\n  segment  level       tier      from s        to s  primitives       bytes   harmonics\n";
-  for (std::size_t i = 0; i < reader.segments().size(); ++i) {
+  for (std::size_t i = 0; i < std::min(reader.segments().size(), kMostRows); ++i) {
     const SegmentInfo& s = reader.segments()[i];
     out += fmt::format("  {:>7}  {:>10}  {:>4}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}  {:>10}\n", i,
                        s.level < 0 ? std::string("persistent") : std::to_string(s.level), s.tier,
                        m.time_base.seconds(s.begin_ticks), m.time_base.seconds(s.end_ticks),
                        s.primitives, s.bytes, s.harmonics_bytes);
   }
+  out += rows_left_out(reader.segments().size(), "segments");
   out += "\n  layer                  tier  primitives       bytes   share\n";
   for (const Layer& layer : layers_of(reader)) {
     out += fmt::format(
@@ -392,15 +403,17 @@ class Info final : public Command {
   }
   Status run(Session& session) override {
     STGS_ASSIGN(const auto reader, open_scene(session, path_));
-    Json json = to_json(*reader, path_);
-    std::string text = to_text(*reader, path_);
+    std::optional<SceneStatistics> motion;
     if (lifespans_) {
       STGS_ASSIGN(const Scene scene, read_place(session, path_));
-      const SceneStatistics statistics = scene_statistics(scene);
-      json["motion"] = to_json(statistics);
-      text += to_text(statistics);
+      motion = scene_statistics(scene);
     }
-    return session.emit(json, text);
+    if (!session.json()) {
+      return session.emit({}, to_text(*reader, path_) + (motion ? to_text(*motion) : ""));
+    }
+    Json json = to_json(*reader, path_);
+    if (motion) json["motion"] = to_json(*motion);
+    return session.emit(json, {});
   }
 
  private:

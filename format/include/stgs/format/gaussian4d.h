@@ -48,8 +48,11 @@ struct Gaussians4D {
   int sh_coefficients() const { return (sh_degree + 1) * (sh_degree + 1); }
   // Sets N; new primitives are zero in every array.
   void resize(std::size_t n);
-  // Appends primitive i of `other`, which has the same sh_degree.
+  // Memory for N in all.
+  void reserve(std::size_t n);
+  // Appends primitive i of `other`, which has the same sh_degree; all of its primitives.
   void append(const Gaussians4D& other, std::size_t i);
+  void append(const Gaussians4D& other);
   // Keeps the primitives listed, in that order; each index < size().
   Gaussians4D gather(const std::vector<std::uint32_t>& indices) const;
 };
