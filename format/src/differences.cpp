@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lifespans.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 
@@ -81,8 +82,10 @@ LifespanError lifespan_error(const Gaussians4D& a, std::size_t i, const Gaussian
     compare(begin, end);
   }
   if (is.full_begin <= 0.0 && is.full_end >= length) return out;
-  out.time = std::abs(double{a.time[i]} - b.time[j]);
-  out.radius = std::abs(double{a.radius[i]} - b.radius[j]);
+  const FlatTop x = brought_in({a.time[i], a.radius[i]}, length);
+  const FlatTop y = brought_in({b.time[j], b.radius[j]}, length);
+  out.time = std::abs(x.time - y.time);
+  out.radius = std::abs(x.radius - y.radius);
   out.sigma = std::abs(std::log(double{a.sigma[i]} / b.sigma[j]));
   return out;
 }

@@ -19,7 +19,9 @@ constexpr double kReach = 4.0, kLeastReach = 4096.0;
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
-constexpr int kMostHalvings = 12;
+constexpr int kMostHalvings = 12;  // of steps of T
+// Of units in the last place: those up to the greatest radius have 24 bits then (spec 7.5).
+constexpr int kLeastLifespan = 4;
 // Ticks: what fades faster does so between two frames, sigma sqrt(ln 255) being less than one.
 constexpr float kHardSigma = 0.42f;
 constexpr double kEdgeMargin = 1.0 / 16.0;  // ticks that a hard edge keeps from a frame
@@ -33,26 +35,12 @@ Step finer_time(Step step, int halvings) {
   return finer(step, halvings, kLeastExponent);
 }
 Step finer_lifespan(Step step, int halvings) {
-  return finer(step, halvings, 0);
+  return finer(step, halvings, kLeastLifespan);
 }
 
 float on_lifespan_grid(float x, Step step) {
   return from_truncated(truncated_steps(x, step), step);
 }
-
-struct Lifespan {
-  double time = 0;  // ticks
-  float sigma = 0, radius = 0;
-  float opacity = 0;  // 0..1
-
-  double visibility(double t) const {
-    return math::visibility(static_cast<float>(t - time), sigma, radius);
-  }
-  // Beyond r, as far as it is drawn.
-  double fade() const {
-    return math::support_half_width(opacity, sigma, 0.0f, math::kAlphaThreshold);
-  }
-};
 
 Lifespan lifespan_of(const Gaussians4D& set, std::size_t i) {
   return {set.time[i], set.sigma[i], set.radius[i], math::opacity_of(set.opacity_logit[i])};
@@ -117,6 +105,27 @@ double length_of(const Interval& part) {
   return part.end - part.begin;
 }
 
+// T and r on these grids with which `life` is seen in its part and begins and ends as `was` does,
+// within `bound` ticks, wherever that is in its part.
+std::optional<Lifespan> soft_edged(const Lifespan& was, Lifespan life, double length, double bound,
+                                   Step time, Step lifespan) {
+  const double begin = was.time - was.radius, end = was.time + was.radius;
+  life.time = on_grid(static_cast<float>(was.time), time);
+  double wanted = was.radius;
+  if (begin <= 0.0 && end < length) wanted = end - life.time;  // makes up for T's rounding
+  if (begin > 0.0 && end >= length) wanted = life.time - begin;
+  wanted = std::clamp(wanted, 0.0, double{kSigmaMax});
+  life.radius = on_lifespan_grid(static_cast<float>(wanted) + 1.0f, lifespan) - 1.0f;
+  const double seen = life.radius + life.fade();
+  if (life.time - seen >= length || life.time + seen <= 0.0) return std::nullopt;
+  const auto moved = [length](double from, double to) {
+    return std::abs(std::clamp(from, 0.0, length) - std::clamp(to, 0.0, length));
+  };
+  const bool kept = moved(begin, life.time - life.radius) <= bound &&
+                    moved(end, life.time + life.radius) <= bound;
+  return kept ? std::optional(life) : std::nullopt;
+}
+
 void set_time(double time, std::size_t i, Gaussians4D& set) {
   for (std::size_t c = 0; c < 3; ++c) {  // where it is then
     float& x = set.position[3 * i + c];
@@ -135,7 +144,7 @@ void hold(double length, double opacity, std::size_t i, Gaussians4D& set) {
 
 // What moves little in its part and hardly changes its opacity: at rest in its middle, at its mean
 // opacity.
-void make_constant(double length, const ConstantBounds& bounds, std::size_t i, Gaussians4D& set) {
+void make_constant(double length, const LifespanBounds& bounds, std::size_t i, Gaussians4D& set) {
   const Lifespan life = lifespan_of(set, i);
   const double most = life.visibility(std::clamp(life.time, 0.0, length));
   const double least = life.visibility(life.time < 0.5 * length ? length : 0.0);
@@ -149,29 +158,51 @@ void make_constant(double length, const ConstantBounds& bounds, std::size_t i, G
   std::fill_n(u, 3, 0.0f);
 }
 
-// T within reach of a part. A flat top ends where it did; of what is so far away and still seen,
-// the opacity hardly changes.
-void bring_near(double length, double reach, std::size_t i, Gaussians4D& set) {
-  const double time = set.time[i];
-  if (std::abs(time) <= reach) return;
-  const double near = std::copysign(reach, time), way = std::abs(time) - reach;
-  if (set.radius[i] < way) {
-    const Lifespan life = lifespan_of(set, i);
-    hold(length, life.opacity * life.visibility(0.5 * length), i, set);
+// A lifespan that is seen alike within its part, whose numbers are as small as they can be and
+// count from where it is seen.
+void bring_in(double length, std::size_t i, Gaussians4D& set) {
+  const double time = set.time[i], radius = set.radius[i];
+  if (time - radius <= 0.0 && time + radius >= length) {  // seen all the time
+    set_time(0.5 * length, i, set);
+    set.sigma[i] = 1.0f;
+    set.radius[i] = static_cast<float>(length);
     return;
   }
-  set_time(near, i, set);
-  set.radius[i] = static_cast<float>(set.radius[i] - way);
+  const FlatTop top = brought_in({time, radius}, length);
+  if (top.time == time) return;
+  set_time(top.time, i, set);
+  set.radius[i] = static_cast<float>(top.radius);
+}
+
+// T within reach of a part. Of what is so far away and still seen, the opacity hardly changes.
+void bring_near(double length, double reach, std::size_t i, Gaussians4D& set) {
+  if (std::abs(set.time[i]) <= reach) return;
+  const Lifespan life = lifespan_of(set, i);
+  hold(length, life.opacity * life.visibility(0.5 * length), i, set);
 }
 
 }  // namespace
 
+double Lifespan::visibility(double t) const {
+  return math::visibility(static_cast<float>(t - time), sigma, radius);
+}
+
+double Lifespan::fade() const {
+  return math::support_half_width(opacity, sigma, 0.0f, math::kAlphaThreshold);
+}
+
+FlatTop brought_in(FlatTop top, double length) {
+  const double inside = std::clamp(top.time, 0.0, length);
+  const double way = std::clamp(inside - top.time, -top.radius, top.radius);
+  return {top.time + way, top.radius - std::abs(way)};
+}
+
 LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, Step opacity,
-                             ConstantBounds constant)
+                             LifespanBounds bounds)
     : time_(step_near(time, kFineSteps)),
       lifespan_(step_near(lifespan, kFineSteps)),
       opacity_(opacity),
-      constant_(constant),
+      bounds_(bounds),
       reach_(std::max(kReach * longest_part, kLeastReach)) {
   if (reach_ >= std::ldexp(size_of(time_), kFineTimeBits)) {  // powers of two have more bits
     const double least = std::ceil(std::log2(reach_)) - kTimeBits;
@@ -187,7 +218,8 @@ LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, 
 void LifespanGrids::snap(const Interval& interval, std::size_t i, Gaussians4D& set) const {
   const double length = length_of(interval);
   if (lifetime_of(set, i, length).never) return;
-  make_constant(length, constant_, i, set);
+  make_constant(length, bounds_, i, set);
+  bring_in(length, i, set);
   bring_near(length, reach_, i, set);
   const Lifespan was = lifespan_of(set, i);
   float& logit = set.opacity_logit[i];
@@ -198,24 +230,33 @@ void LifespanGrids::snap(const Interval& interval, std::size_t i, Gaussians4D& s
   Lifespan life = was;
   life.opacity = math::opacity_of(logit);
   life.sigma = on_lifespan_grid(std::clamp(was.sigma, kSigmaMin, kSigmaMax), lifespan_);
-  const FrameRange frames(interval);
-  for (int halvings = 0; halvings <= kMostHalvings; ++halvings) {
-    const Step time = finer_time(time_, std::min(halvings, finest_time_));
-    const Step lifespan = finer_lifespan(lifespan_, halvings);
-    if (was.sigma < kHardSigma) {
-      if (const auto kept = hard_edged(was, life, frames, time, lifespan)) {
-        life = *kept;
-        break;
-      }
-    }
-    life.time = on_grid(static_cast<float>(was.time), time);
-    life.radius = on_lifespan_grid(std::min(was.radius, kSigmaMax) + 1.0f, lifespan) - 1.0f;
-    const double end = life.radius + life.fade();
-    if (was.sigma >= kHardSigma && life.time - end < length && life.time + end > 0.0) break;
-  }
+  life = rounded(was, life, interval);
   set_time(life.time, i, set);
   set.sigma[i] = life.sigma;
   set.radius[i] = life.radius;
+}
+
+Lifespan LifespanGrids::rounded(const Lifespan& was, Lifespan life,
+                                const Interval& interval) const {
+  const FrameRange frames(interval);
+  const double length = length_of(interval);
+  const double bound = std::max(bounds_.edge * was.sigma, size_of(time_));
+  for (int halved = 0; halved <= kMostHalvings; ++halved) {
+    const Step time = finer_time(time_, std::min(halved, finest_time_));
+    if (was.sigma < kHardSigma) {
+      const auto kept = hard_edged(was, life, frames, time, finer_lifespan(lifespan_, halved));
+      if (kept) return *kept;
+      continue;
+    }
+    for (int halvings = 0; halvings <= lifespan_.exponent - kLeastLifespan; ++halvings) {
+      const Step lifespan = finer_lifespan(lifespan_, halvings);
+      if (const auto kept = soft_edged(was, life, length, bound, time, lifespan)) return *kept;
+    }
+  }
+  life.time = on_grid(static_cast<float>(was.time), finer_time(time_, finest_time_));
+  const Step finest = finer_lifespan(lifespan_, lifespan_.exponent);
+  life.radius = on_lifespan_grid(std::min(was.radius, kSigmaMax) + 1.0f, finest) - 1.0f;
+  return life;
 }
 
 LifespanSteps LifespanGrids::steps_of(const Gaussians4D& set,
@@ -226,7 +267,8 @@ LifespanSteps LifespanGrids::steps_of(const Gaussians4D& set,
       ++time;
     }
     const float r = set.radius[i] + 1.0f;
-    while (radius < kMostHalvings && on_lifespan_grid(r, finer_lifespan(lifespan_, radius)) != r) {
+    while (lifespan_.exponent - radius > kLeastLifespan &&
+           on_lifespan_grid(r, finer_lifespan(lifespan_, radius)) != r) {
       ++radius;
     }
   }

@@ -21,6 +21,7 @@ constexpr double kUnits = 12.5, kFinerUnits = 6.0, kPoorUnits = 25.0;
 constexpr double kCoarsestOpacity = -0.5, kCoarsestTime = -0.5, kCoarsestLogScale = -0.75;
 constexpr double kMostEvenOpacity = -3.5;
 constexpr double kEvenOpacity = -5.0;  // octaves: opacity that a constant lifespan may be off
+constexpr double kEdge = -2.0, kCoarsestEdge = -1.0;  // octaves: sigmas that an end may be off
 // Powers of importance in steps, measured: less than the ideal 0.5. One that is guessed by size
 // says less, least about positions: what is small needs its place as exactly as what is large.
 constexpr double kPower = 0.3;
@@ -271,7 +272,8 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   lifespans_.emplace(
       longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
       std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
-      ConstantBounds{still, std::exp2(std::min(kEvenOpacity + coarser_, kMostEvenOpacity))});
+      LifespanBounds{still, std::exp2(std::min(kEvenOpacity + coarser_, kMostEvenOpacity)),
+                     std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))});
 }
 
 Step Quantiser::bounded(double octaves, double share, int in_octave) const {

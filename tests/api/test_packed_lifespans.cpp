@@ -4,6 +4,7 @@
 #include <random>
 
 #include "scene_fixture.h"
+#include "stgs/format/differences.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 
@@ -135,5 +136,82 @@ TEST_CASE("what is seen is not left out, whatever the quality") {
   for (const double quality : {0.0, 20.0, 34.0, 50.0, 85.0}) {
     INFO("quality " << quality);
     CHECK(packed(scene, quality).order.size() >= seen);
+  }
+}
+
+namespace {
+
+// Ticks that the beginning and the end of a flat top are off, where they lie within a part of so
+// many.
+double edge_error(const PackedPair& pair, std::size_t i, double length) {
+  const auto edge = [&](const Gaussians4D& set, double side) {
+    return std::clamp(set.time[i] + side * set.radius[i], 0.0, length);
+  };
+  return std::max(std::abs(edge(pair.before, -1) - edge(pair.after, -1)),
+                  std::abs(edge(pair.before, 1) - edge(pair.after, 1)));
+}
+
+// Long lives with soft edges: they begin and end in a clip of 300 frames or outside of it.
+void make_long(Scene& scene, unsigned seed) {
+  std::mt19937 random(seed);
+  const auto between = [&random](float low, float high) {
+    return std::uniform_real_distribution(low, high)(random);
+  };
+  Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < set.size(); ++i) {
+    set.time[i] = between(-15.0f, 315.0f);
+    set.radius[i] = between(20.0f, 120.0f);
+    set.sigma[i] = between(1.0f, 4.0f);
+    set.opacity_logit[i] = 4.0f;
+  }
+  set.time[0] = 150.0f;
+  set.radius[0] = 100.0f;
+  set.sigma[0] = 3.0f;
+}
+
+}  // namespace
+
+TEST_CASE("long lives with soft edges begin and end when they did") {
+  Scene scene = random_scene(2000, 0, 300, 37);
+  make_long(scene, 38);
+  struct Bound {
+    double quality, sigmas, ticks, opacity;
+  };
+  for (const Bound& bound : {Bound{60.0, 0.5, 0.71, 0.7}, Bound{87.0, 0.2, 0.21, 0.3},
+                             Bound{100.0, 0.045, 0.05, 0.07}}) {
+    const PackedPair pair = packed(scene, bound.quality);
+    REQUIRE(pair.order.size() == 2000);
+    for (std::size_t i = 0; i < pair.order.size(); ++i) {
+      INFO("quality " << bound.quality << ", T " << pair.before.time[i] << ", r "
+                      << pair.before.radius[i] << ", sigma " << pair.before.sigma[i]);
+      const double most = std::max(bound.sigmas * pair.before.sigma[i], bound.ticks);
+      REQUIRE(edge_error(pair, i, 300.0) <= most);
+      const LifespanError error = lifespan_error(pair.before, i, pair.after, i, {0.0, 300.0});
+      REQUIRE(error.visibility <= bound.opacity);
+      REQUIRE(error.time <= 0.36);
+      REQUIRE(error.radius <= most + 0.36);
+    }
+  }
+}
+
+TEST_CASE("what begins long before a clip or ends long after it is seen when it was") {
+  Scene scene = random_scene(8, 0, 30, 39);
+  Gaussians4D& set = scene.gaussians;
+  set.time = {-1000, -1000, -60, -5, 1030, -1e5f, -1e8f, -1e5f};
+  set.radius = {1003, 1020, 63, 8, 1003, 1e5f + 20, 1.5e8f, 2e5f};
+  set.sigma.assign(8, 1.0f);
+  set.opacity_logit.assign(8, 2.0f);
+  set.velocity.assign(24, 0.0f);
+  set.velocity[3 * 7] = 0.5f;       // seen all the time
+  set.position[3 * 7] = -50000.0f;  // at T
+  const PackedPair pair = packed(scene, 87);
+  REQUIRE(pair.order.size() == 8);
+  for (std::size_t i = 0; i < 8; ++i) {
+    INFO("T " << pair.before.time[i] << ", r " << pair.before.radius[i]);
+    CHECK(edge_error(pair, i, 30.0) <= 0.21);
+    CHECK(trajectory_error(pair.before, i, pair.after, i, 30.0) < 0.05);
+    int wrong = 0;
+    for (int t = 0; t <= 30; ++t) wrong += is_seen(pair.before, i, t) != is_seen(pair.after, i, t);
+    CHECK(wrong == 0);
   }
 }

@@ -19,7 +19,8 @@ struct LifespanError {
   // many frames, 64 of them stand for all.
   double visibility = 0;
   // Of the numbers themselves, unless that of `b` is seen alike throughout its part: T and r,
-  // ticks, and sigma, natural log.
+  // ticks, without what of a flat top lies beyond T's nearest moment of the part, which nobody
+  // sees; and sigma, natural log.
   double time = 0, radius = 0, sigma = 0;
 };
 // `part`: ticks of the timeline, from which T counts in it.
