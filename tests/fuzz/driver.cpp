@@ -29,7 +29,14 @@ namespace {
 constexpr std::size_t kMostBytes = 1 << 16;  // of a mutated input
 // For libraries in C, whose memory operator new does not see. A sanitizer needs terabytes.
 constexpr rlim_t kAddressSpace = rlim_t{2} << 30;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+// g++ and clang tell of them in ways of their own.
+#if defined(__has_feature)
+#define STGS_HAS_FEATURE(name) __has_feature(name)
+#else
+#define STGS_HAS_FEATURE(name) 0
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || \
+    STGS_HAS_FEATURE(address_sanitizer) || STGS_HAS_FEATURE(thread_sanitizer)
 constexpr bool kLimitsAddressSpace = false;
 #else
 constexpr bool kLimitsAddressSpace = true;

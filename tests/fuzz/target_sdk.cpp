@@ -3,6 +3,7 @@
 // call. Every result is one that the header names, and what fails says why.
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <memory>
 #include <string>
@@ -29,6 +30,16 @@ std::vector<Bytes> seeds() {
 // What the scenes may hold, and pictures of 40 x 40.
 std::uint64_t most_memory(View) {
   return 96 << 20;
+}
+
+// A struct as a program with a shorter or longer one has it, in memory that ends with it.
+template <typename T>
+std::vector<std::uint64_t> of_other_size(const T& value, std::uint8_t argument) {
+  std::vector<std::uint64_t> words(2 + argument % (sizeof(T) / 8 + 4));
+  const std::size_t bytes = 8 * words.size();
+  std::memcpy(words.data(), &value, std::min(bytes, sizeof value));
+  words[0] = bytes;
+  return words;
 }
 
 struct Calls {
@@ -79,7 +90,9 @@ struct Calls {
     settings.refuse_damage = argument & 4;
     settings.struct_size -= (argument & 8) != 0 ? 4 : 0;
     stgs_scene_destroy(scene);
-    return stgs_scene_create(&settings, &scene);
+    if ((argument & 16) == 0) return stgs_scene_create(&settings, &scene);
+    const auto given = of_other_size(settings, argument / 32);
+    return stgs_scene_create(reinterpret_cast<const stgs_scene_settings*>(given.data()), &scene);
   }
 
   static Bytes some_file(std::uint8_t argument) {
@@ -209,7 +222,10 @@ struct Calls {
     stgs_picture picture;
     stgs_picture_defaults(&picture, sizeof picture);
     picture.rgba8 = {pixels.data(), (next & 0x20) != 0 ? next : 0u, pixels.size()};
-    return stgs_render(renderer, of, number(next), &view, &picture, 1);
+    if (next < 0xC0) return stgs_render(renderer, of, number(next), &view, &picture, 1);
+    const auto views = of_other_size(view, argument), pictures = of_other_size(picture, next);
+    return stgs_render(renderer, of, number(next), reinterpret_cast<const stgs_view*>(views.data()),
+                       reinterpret_cast<const stgs_picture*>(pictures.data()), 1);
   }
 
   stgs_result call(std::uint8_t what, std::uint8_t argument, std::uint8_t next) {
