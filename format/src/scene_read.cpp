@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "segment.h"
+#include "segment_times.h"
 #include "values.h"
 
 namespace stgs {
@@ -33,6 +34,17 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
   return out;
 }
 
+// Up to where nothing is missing.
+double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
+  double ticks = head.metadata.scene.frames;
+  for (const LostStretch& lost : head.lost) ticks = std::min(ticks, lost.moments.begin);
+  for (const SegmentInfo& segment : segments) {
+    const bool whole = segment.there && segment.harmonics_there;
+    if (segment.shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
+  }
+  return ticks;
+}
+
 class Reader final : public SceneReader {
  public:
   Reader(std::unique_ptr<ByteSource> source, FileHead head, std::vector<Issue> damage,
@@ -41,9 +53,9 @@ class Reader final : public SceneReader {
         limits_(limits),
         memory_(memory),
         head_(std::move(head)),
-        damage_(std::move(damage)),
-        segments_(segments_from(head_)),
-        parts_(parts_from(head_)) {}
+        damage_(std::move(damage)) {
+    list_segments();
+  }
 
   const SceneMetadata& metadata() const override { return head_.metadata.scene; }
   Profile profile() const override { return head_.metadata.profile; }
@@ -67,15 +79,7 @@ class Reader final : public SceneReader {
     return head_.header.file_bytes - std::min(head_.there, head_.header.file_bytes);
   }
   const std::vector<LostStretch>& lost_stretches() const override { return head_.lost; }
-  double complete_ticks() const override {
-    double ticks = metadata().frames;
-    for (const LostStretch& lost : head_.lost) ticks = std::min(ticks, lost.moments.begin);
-    for (const SegmentInfo& segment : segments_) {
-      const bool whole = segment.there && segment.harmonics_there;
-      if (segment.shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
-    }
-    return ticks;
-  }
+  double complete_ticks() const override { return complete_ticks_; }
 
   Result<bool> refresh() override {
     if (head_.closed) return false;
@@ -92,8 +96,7 @@ class Reader final : public SceneReader {
       const bool grown = head.header.file_bytes > head_.header.file_bytes;
       head_ = std::move(head);
       damage_ = findings.take();
-      segments_ = segments_from(head_);
-      parts_ = parts_from(head_);
+      list_segments();
       return grown;
     } catch (const std::exception& e) {
       return runtime_error("{}: {}", source_->name(), e.what());
@@ -119,17 +122,7 @@ class Reader final : public SceneReader {
   }
 
   std::vector<std::uint32_t> segments_between(double t0, double t1) const override {
-    std::vector<std::uint32_t> out;
-    if (!(t0 <= t1)) return out;
-    const double frames = metadata().frames;
-    const double first = std::clamp(t0, 0.0, frames), last = std::clamp(t1, 0.0, frames);
-    for (std::uint32_t i = 0; i < segments_.size(); ++i) {
-      const SegmentInfo& segment = segments_[i];
-      // The end of the timeline belongs to the segments that reach it (spec 5.4).
-      const bool ends_after = first < segment.end_ticks || segment.end_ticks >= frames;
-      if (segment.shown() && segment.begin_ticks <= last && ends_after) out.push_back(i);
-    }
-    return out;
+    return times_.between(t0, t1);
   }
 
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const override {
@@ -164,6 +157,14 @@ class Reader final : public SceneReader {
   }
 
  private:
+  // What follows from the head.
+  void list_segments() {
+    segments_ = segments_from(head_);
+    times_ = {segments_, static_cast<double>(head_.metadata.scene.frames)};
+    parts_ = parts_from(head_);
+    complete_ticks_ = complete_ticks_of(head_, segments_);
+  }
+
   // What `make` makes of a segment's records, in `out`.
   template <typename T, typename Make>
   Result<T> with_records(std::uint32_t segment, bool with_harmonics, const Make& make,
@@ -228,6 +229,8 @@ class Reader final : public SceneReader {
   FileHead head_;
   std::vector<Issue> damage_;
   std::vector<SegmentInfo> segments_;
+  SegmentTimes times_;
+  double complete_ticks_ = 0;
   std::vector<ScenePart> parts_;
 };
 

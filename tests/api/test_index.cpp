@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the index tells, and what a reader refuses of it (spec 5).
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
 #include <set>
 
 #include "bytes.h"
 #include "head_fixture.h"
 #include "scene_fixture.h"
+#include "segment_times.h"
 #include "segmenter.h"
 
 using namespace stgs;
@@ -271,4 +275,35 @@ TEST_CASE("a chunk is chosen that makes segments neither tiny nor wasteful") {
   // Few primitives are not worth many segments.
   CHECK(chosen(500, 2.0f) > chosen(50000, 2.0f));
   CHECK(chosen(0, 2.0f) >= kLong);
+}
+
+TEST_CASE("the segments of a moment are those that a look at all of them finds") {
+  constexpr double kEnd = 1000;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  std::vector<SegmentInfo> segments(400);
+  for (SegmentInfo& segment : segments) {
+    segment.begin_ticks = std::floor(kEnd * uniform(random));
+    const double length = std::floor(std::exp2(10 * uniform(random))) - 1;  // 0: not shown
+    segment.end_ticks = std::min(segment.begin_ticks + length, kEnd);
+  }
+  const SegmentTimes times(segments, kEnd);
+  std::size_t found = 0, last = 0;
+  for (double t0 = -3; t0 <= kEnd + 3; t0 += 0.5) {
+    for (const double length : {0.0, 7.0, 300.0}) {
+      std::vector<std::uint32_t> expected;
+      const double first = std::clamp(t0, 0.0, kEnd), end = std::clamp(t0 + length, 0.0, kEnd);
+      for (std::uint32_t i = 0; i < segments.size(); ++i) {
+        const SegmentInfo& one = segments[i];
+        const bool ends_after = first < one.end_ticks || one.end_ticks == kEnd;
+        if (one.shown() && one.begin_ticks <= end && ends_after) expected.push_back(i);
+      }
+      REQUIRE(times.between(t0, t0 + length) == expected);
+      found += expected.size();
+      last = expected.size();
+    }
+  }
+  CHECK(found > 10000);
+  CHECK(last > 10);  // at the end of the timeline
+  CHECK(SegmentTimes().between(0, 1).empty());
 }
