@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 
 namespace stgs {
@@ -19,24 +20,29 @@ Status past_the_end(const std::string& name, std::uint64_t offset, std::uint64_t
 
 class FileSource final : public ByteSource {
  public:
-  FileSource(int fd, std::uint64_t size, std::string name)
-      : fd_(fd), size_(size), name_(std::move(name)) {}
+  FileSource(int fd, const struct stat& info, std::string name)
+      : fd_(fd), inode_(info), size_(bytes_of(info)), name_(std::move(name)) {}
   ~FileSource() override { ::close(fd_); }
 
   std::uint64_t size() const override { return size_; }
   const std::string& name() const override { return name_; }
 
-  Status refresh() override {
-    struct stat info {};
+  bool may_grow() const override { return true; }
+  Result<Change> refresh(std::uint64_t kept) override {
+    struct stat info {
+    }, named{};
     if (::fstat(fd_, &info) != 0) {
       return io_error("{}: cannot look at: {}", name_, system_message(errno));
     }
-    size_ = static_cast<std::uint64_t>(info.st_size);
-    return {};
+    // One that was removed stays what it was to whoever has it open.
+    const bool other = ::stat(name_.c_str(), &named) == 0 &&
+                       (named.st_dev != inode_.st_dev || named.st_ino != inode_.st_ino);
+    if (other || bytes_of(info) < kept) return Change::kReplaced;
+    return size_.exchange(bytes_of(info)) == bytes_of(info) ? Change::kNone : Change::kResized;
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    STGS_TRY(check_range(name_, size_, offset, out.size()));
+    STGS_TRY(check_range(name_, size(), offset, out.size()));
     std::size_t done = 0;
     while (done < out.size()) {
       const ssize_t got =
@@ -50,9 +56,14 @@ class FileSource final : public ByteSource {
   }
 
  private:
-  int fd_;
-  std::uint64_t size_;
-  std::string name_;
+  static std::uint64_t bytes_of(const struct stat& info) {
+    return static_cast<std::uint64_t>(info.st_size);
+  }
+
+  const int fd_;
+  const struct stat inode_;  // when it was opened
+  std::atomic<std::uint64_t> size_;
+  const std::string name_;
 };
 
 class MemorySource final : public ByteSource {
@@ -90,8 +101,7 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
     ::close(fd);
     return io_error("{}: not a regular file", path);
   }
-  return std::unique_ptr<ByteSource>(
-      std::make_unique<FileSource>(fd, static_cast<std::uint64_t>(info.st_size), path));
+  return std::unique_ptr<ByteSource>(std::make_unique<FileSource>(fd, info, path));
 }
 
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes, std::string name) {

@@ -84,7 +84,14 @@ class Reader final : public SceneReader {
   Result<bool> refresh() override {
     if (head_.closed) return false;
     try {
-      STGS_TRY(source_->refresh());
+      const std::uint64_t kept = head_.header.file_bytes;
+      STGS_ASSIGN(const ByteSource::Change change, source_->refresh(kept));
+      if (change == ByteSource::Change::kReplaced) {
+        return invalid_file(
+            "{}: the {} complete bytes are not there any more, or it is another "
+            "file now; open it again",
+            source_->name(), kept);
+      }
       Findings findings;
       FileHead head;
       read_head(*source_, limits_, head, findings);

@@ -5,13 +5,16 @@
 #include <cmath>
 #include <exception>
 #include <functional>
-#include <mutex>
+#include <limits>
 #include <stop_token>
 #include <utility>
 
+#include "stream/follower.h"
+#include "stream/live_edge.h"
 #include "stream/playback_clock.h"
 #include "stream/segment_store.h"
 #include "stream/stream_timeline.h"
+#include "stream/transfer_events.h"
 
 namespace stgs::player {
 namespace {
@@ -20,9 +23,12 @@ constexpr double kLongestStep = 0.25;  // seconds between advances that a moment
 
 Status check(const PlayerSettings& s) {
   const auto positive = [](double v) { return std::isfinite(v) && v >= 0; };
+  const LiveSettings& live = s.live;
   if (s.fetches < 1 || s.fetches > 64 || !positive(s.ahead_seconds) ||
       !positive(s.resume_seconds) || !positive(s.layer_patience_seconds) ||
-      !positive(s.retry_seconds)) {
+      !positive(s.retry_seconds) || !positive(live.behind_seconds) ||
+      !positive(live.poll_seconds) || !positive(live.stall_seconds) ||
+      !positive(live.skip_seconds)) {
     return usage_error(
         "the player's settings are out of range: times must be 0 s or more, and 1 "
         "to 64 pieces fetched at once");
@@ -30,63 +36,45 @@ Status check(const PlayerSettings& s) {
   return {};
 }
 
-// What transfers met with, until it is asked for. Thread-safe.
-class TransferEvents {
- public:
-  void add(const TransferEvent& event) {
-    if (event.kind == TransferEvent::Kind::kFailed) return;  // the pieces tell
-    const bool replaced = event.kind == TransferEvent::Kind::kReplaced;
-    PlayerEvent out;
-    out.kind = replaced ? PlayerEvent::Kind::kReplaced : PlayerEvent::Kind::kRetry;
-    out.offset = event.offset;
-    out.code = StatusCode::kIo;
-    out.message = event.message;
-    const std::lock_guard lock(mutex_);
-    if (replaced && std::exchange(told_replaced_, true)) return;
-    events_.push_back(std::move(out));
-  }
-  std::vector<PlayerEvent> take() {
-    const std::lock_guard lock(mutex_);
-    return std::exchange(events_, {});
-  }
-
- private:
-  std::mutex mutex_;
-  std::vector<PlayerEvent> events_;
-  bool told_replaced_ = false;
-};
-
 class StreamPlayer final : public Player {
  public:
-  StreamPlayer(std::unique_ptr<SceneReader> reader, PieceSource& source,
+  StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
+               const std::shared_ptr<PieceSource>& source, IndexCache cache,
                const PlayerSettings& settings, std::function<void()> interrupt,
                std::shared_ptr<TransferEvents> transfers)
       : settings_(settings),
         interrupt_(std::move(interrupt)),
         transfers_(std::move(transfers)),
         time_base_(reader->metadata().time_base),
+        known_(reader),
         frames_(reader->metadata().frames),
-        clock_(frames_ > 0 ? frames_ - 1.0 : 0.0, time_base_.ticks(1.0)),
-        store_(std::move(reader), source, settings),
-        timeline_(make_stream_timeline(store_, source.name())) {
+        clock_(last_moment(), time_base_.ticks(1.0)),
+        edge_(settings.live, time_base_.seconds(frames_), last_stretch(*reader)),
+        store_(reader, source, settings),
+        timeline_(make_stream_timeline(store_, source->name())) {
+    growing_ = settings.live.follow && source->may_grow() && is_growing();
+    if (growing_) begin_live(source, std::move(cache));
     move(true);
   }
   ~StreamPlayer() override {
     store_.stop();
+    if (follower_ != nullptr) follower_->stop();
     if (interrupt_) interrupt_();
   }
 
   Timeline& timeline() override { return *timeline_; }
 
   void play() override {
+    if (growing_ && following_) to_edge_ = true;
     if (clock_.at_end()) {
-      clock_.seek(clock_.rate() < 0 ? frames_ : 0);
+      clock_.seek(clock_.rate() > 0 ? 0 : growing_ ? frames_ - 1.0 : frames_);
       move(true);
     }
     playing_ = true;
     state_ = PlayerState::kBuffering;
   }
   void pause() override {
+    if (playing_) following_ = false;
     playing_ = false;
     state_ = PlayerState::kPaused;
     move(false);
@@ -95,6 +83,11 @@ class StreamPlayer final : public Player {
     if (!std::isfinite(seconds)) {
       return usage_error("a moment must be a number of seconds, not {}", seconds);
     }
+    if (growing_ && seconds >= edge_.target(now_)) {
+      go_live();
+      return {};
+    }
+    following_ = false;
     go_to(time_base_.ticks(seconds));
     return {};
   }
@@ -102,6 +95,7 @@ class StreamPlayer final : public Player {
     if (frame >= frames_) {
       return usage_error("no frame {}, the clip has {}", frame, frames_);
     }
+    following_ = false;
     go_to(frame);
     return {};
   }
@@ -110,19 +104,41 @@ class StreamPlayer final : public Player {
       return usage_error("a rate must be from {} to {}, and not 0: {}", kMinRate, kMaxRate, rate);
     }
     clock_.set_rate(rate);
+    if (rate != 1) following_ = false;
     move(false);
     return {};
   }
   void set_loop(bool loop) override {
-    clock_.set_loop(loop);
+    loop_ = loop;
+    clock_.set_loop(loop && !growing_);
     move(false);
+  }
+  void go_live() override {
+    if (!growing_) return;
+    follow();
+    to_edge_ = true;
+    if (state_ == PlayerState::kEnded) state_ = PlayerState::kPaused;
+  }
+  LiveState live() const override {
+    LiveState out;
+    if (!growing_) return out;
+    out.growing = true;
+    out.following = following_;
+    out.edge_seconds = time_base_.seconds(frames_);
+    out.behind_seconds = edge_.edge(now_) - seconds();
+    out.wanted_seconds = edge_.wanted();
+    return out;
   }
 
   double advance(double now) override {
     if (!std::isfinite(now)) return seconds();
-    const double passed = std::clamp(now - now_, 0.0, kLongestStep);
+    const double since = started_ ? now - now_ : 0.0;
+    const double passed = std::clamp(since, 0.0, kLongestStep);
     now_ = now;
-    if (playing_) step(started_ ? passed : 0.0);
+    if (growing_) note_growth(since);
+    if (growing_ && to_edge_) go_to(time_base_.ticks(std::max(edge_.target(now_), 0.0)));
+    to_edge_ = false;
+    if (playing_) step(passed);
     started_ = true;
     if (const int layers = this->layers(); layers != layers_) {
       layers_ = layers;
@@ -194,7 +210,77 @@ class StreamPlayer final : public Player {
                              : covered(0, at) && covered(ahead.ticks, end);
   }
 
+  // The beginning of the last frame; while a recording grows it has none.
+  double last_moment() const { return frames_ > 0 ? frames_ - 1.0 : 0.0; }
+  bool is_growing() const { return known_->form() == SceneForm::kGrowing; }
+  // Seconds from the beginning of the part that began last to the edge.
+  static double last_stretch(const SceneReader& reader) {
+    const TimeBase base = reader.metadata().time_base;
+    if (reader.segments().empty()) return 0;
+    return base.seconds(reader.metadata().frames - reader.parts().back().begin_ticks);
+  }
+
+  void begin_live(const std::shared_ptr<PieceSource>& source, IndexCache cache) {
+    clock_.set_last(std::numeric_limits<double>::infinity());
+    following_ = true;
+    to_edge_ = true;
+    const double moment = time_base_.seconds(frames_) - edge_.wanted();
+    clock_.seek(std::max(time_base_.ticks(moment), 0.0));
+    follower_ = std::make_unique<Follower>(
+        store_, source, std::move(cache), settings_,
+        [transfers = transfers_](bool replaced, const std::string& message) {
+          transfers->set_replaced(replaced, message);
+        });
+  }
+
+  void follow() {
+    clock_.set_rate(1);
+    following_ = true;
+  }
+
+  // The edge counts as soon as play could get there, or where that takes longer than a stretch; who
+  // plays elsewhere takes it as it comes.
+  // `passed`: since it was looked last.
+  void note_growth(double passed) {
+    if (SegmentStore::Known now = store_.known(); now.reader != known_) {
+      known_ = std::move(now.reader);
+      frames_ = known_->metadata().frames;
+      grown_at_ = now_;
+    }
+    const double last = last_moment(), stretch = last_stretch(*known_);
+    const double edge = time_base_.seconds(frames_);
+    const bool counts = !following_ || !playing_ || store_.ready(last);
+    if (passed > kLongestStep || (!counts && now_ - grown_at_ > stretch)) {
+      edge_.found(edge);
+    } else if (counts) {
+      edge_.saw(edge, stretch, now_);
+    }
+    if (is_growing()) return;
+    growing_ = following_ = false;
+    clock_.set_last(last);
+    clock_.set_loop(loop_);
+    move(false);
+    tell(PlayerEvent::Kind::kFinished);
+  }
+
+  // What the rate is times for play to keep to the edge; jumps where that would take too long.
+  double keep_up() {
+    const double moment = seconds();
+    if (!following_ && clock_.rate() > 0 && moment >= edge_.target(now_)) follow();
+    if (!following_) return 1;
+    if (!edge_.is_lost(moment, now_)) return edge_.pace(moment, now_);
+    go_to(time_base_.ticks(std::max(edge_.target(now_), 0.0)));
+    tell(PlayerEvent::Kind::kSkipped);
+    return 1;
+  }
+
+  // Whether a moment can be shown: its base is there, or will not come.
+  bool can_show(double ticks) const {
+    return store_.ready(ticks) && !(growing_ && ticks >= frames_);
+  }
+
   void step(double passed) {
+    const double pace = growing_ ? keep_up() : 1;
     if (state_ == PlayerState::kBuffering) {
       if (!can_resume()) return;
       state_ = PlayerState::kPlaying;
@@ -202,8 +288,8 @@ class StreamPlayer final : public Player {
       tell(PlayerEvent::Kind::kResumed);
     }
     if (state_ != PlayerState::kPlaying) return;
-    const PlaybackClock::Step next = clock_.after(passed);
-    if (!store_.ready(next.ticks)) {
+    const PlaybackClock::Step next = clock_.after(pace * passed);
+    if (!can_show(next.ticks)) {
       state_ = PlayerState::kBuffering;
       move(false);
       return tell(PlayerEvent::Kind::kBuffering);
@@ -222,14 +308,20 @@ class StreamPlayer final : public Player {
   std::function<void()> interrupt_;
   const std::shared_ptr<TransferEvents> transfers_;
   const TimeBase time_base_;
-  const std::uint32_t frames_;
+  std::shared_ptr<const SceneReader> known_;
+  std::uint32_t frames_;
   PlaybackClock clock_;
+  // Of a recording that grows.
+  bool growing_ = false, following_ = false, to_edge_ = false, loop_ = false;
+  double grown_at_ = 0;  // of the caller's clock
+  LiveEdge edge_;
   PlayerState state_ = PlayerState::kPaused;
   bool playing_ = false, started_ = false;
   double now_ = 0;
   int layers_ = -1;
   SegmentStore store_;
   std::unique_ptr<Timeline> timeline_;
+  std::unique_ptr<Follower> follower_;
 };
 
 Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
@@ -238,15 +330,14 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
                                      std::shared_ptr<TransferEvents> transfers) {
   std::pmr::memory_resource* const memory =
       settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
-  auto pieces = std::make_unique<PieceSource>(std::move(source), memory);
-  PieceSource& of_reader = *pieces;
-  STGS_ASSIGN(auto reader, SceneReader::open(std::move(pieces), settings.limits, memory));
-  const std::string name = of_reader.name();
+  const auto pieces = std::make_shared<PieceSource>(std::move(source), memory);
   try {
+    IndexCache cache;
+    STGS_ASSIGN(const auto reader, open_snapshot(pieces, cache, settings.limits, memory));
     return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
-        std::move(reader), of_reader, settings, std::move(interrupt), std::move(transfers)));
+        reader, pieces, std::move(cache), settings, std::move(interrupt), std::move(transfers)));
   } catch (const std::exception& e) {
-    return Status(code_of(e), fmt::format("{}: cannot be played: {}", name, e.what()));
+    return Status(code_of(e), fmt::format("{}: cannot be played: {}", pieces->name(), e.what()));
   }
 }
 
@@ -261,7 +352,7 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& place,
   const auto linked = std::make_shared<std::stop_callback<std::function<void()>>>(
       settings.http.stop, [stop]() mutable { stop.request_stop(); });
   HttpSettings http = settings.http;
-  http.connections = std::max(http.connections, settings.fetches);
+  http.connections = std::max(http.connections, settings.fetches + 1);  // and looks for growth
   http.stop = stop.get_token();
   http.on_event = [transfers, told = settings.http.on_event](const TransferEvent& event) {
     transfers->add(event);

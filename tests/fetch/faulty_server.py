@@ -90,6 +90,11 @@ class FaultyServer:
             return
         last = min(last, len(data) - 1)
         body = data[first:last + 1]
+        if request.headers.get("If-None-Match") == etag:
+            request.send_response(304)
+            request.send_header("ETag", etag)
+            request.end_headers()
+            return
         if fault.get("whole"):
             request.send_response(200)
             body = data

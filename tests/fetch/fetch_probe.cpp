@@ -70,7 +70,12 @@ std::uint64_t number(const std::string& text) {
 Json run(HttpSource& source, std::stop_source& stop, const std::string& op) {
   const std::vector<std::string> parts = split(op, ':');
   if (parts[0] == "refresh") {
-    Json json = to_json(source.refresh());
+    const auto change = source.refresh(source.size());
+    Json json = to_json(change.status());
+    if (change.ok()) {
+      constexpr const char* kNames[] = {"none", "resized", "replaced"};
+      json["change"] = kNames[static_cast<int>(*change)];
+    }
     json["size"] = source.size();
     return json;
   }

@@ -6,10 +6,13 @@
 //   Plays PLACE for SECONDS of the clock at 30 pictures a second (round and round), seeks to each
 //   moment SEEK 0.3 s apart meanwhile, then pauses, waits until all has come that can come (5 s at
 //   most), and compares what is alive with LOCAL, the same file on a disk.
+//        play_probe follow PLACE SECONDS
+//   Follows a recording until it has ended, for SECONDS at most.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 
 #include "../api/scene_fixture.h"
@@ -42,8 +45,9 @@ void make(const std::string& path) {
 }
 
 const char* name_of(PlayerEvent::Kind kind) {
-  constexpr const char* kNames[] = {"buffering", "resumed", "looped",  "ended",   "layers",
-                                    "retry",     "lost",    "damaged", "replaced"};
+  constexpr const char* kNames[] = {"buffering", "resumed", "looped",  "ended",
+                                    "layers",    "retry",   "lost",    "damaged",
+                                    "replaced",  "stalled", "skipped", "finished"};
   return kNames[static_cast<int>(kind)];
 }
 
@@ -72,6 +76,30 @@ class Show {
       }
       tick(now);
     }
+  }
+  // What became of a recording: where it was joined, the thirds of a second that were shown.
+  Json follow(double duration) {
+    Json out{{"growing", player_.live().growing}, {"edge", player_.live().edge_seconds}};
+    player_.play();
+    std::set<int> seen;
+    double worst = 0;
+    for (double now = seconds(); now < begin_ + duration; now = seconds()) {
+      tick(now);
+      if (!player_.ready()) continue;
+      if (seen.empty()) out["joined"] = player_.seconds();
+      seen.insert(static_cast<int>(3 * player_.seconds() + 1e-6));
+      const LiveState live = player_.live();
+      if (live.growing) worst = std::max(worst, live.behind_seconds);
+      if (player_.state() == PlayerState::kEnded) break;
+    }
+    out["seen"] = seen;
+    out["most_behind"] = worst;
+    out["ended"] = player_.state() == PlayerState::kEnded;
+    out["moment"] = player_.seconds();
+    out["longest_call"] = longest_call_;
+    out["counts"] = counts_;
+    out["messages"] = messages_;
+    return out;
   }
   void complete() {
     player_.pause();
@@ -118,13 +146,29 @@ class Show {
   Json counts_ = Json::object(), messages_ = Json::array();
 };
 
-void play(int argc, char** argv) {
+PlayerSettings impatient() {
   PlayerSettings settings;
   settings.retry_seconds = 0.1;
   settings.http.tries = 2;
   settings.http.back_off_seconds = 0.02;
   settings.http.stall_seconds = 1;
   settings.http.head_bytes = 4096;
+  return settings;
+}
+
+void follow(char** argv) {
+  PlayerSettings settings = impatient();
+  settings.live.behind_seconds = 0;
+  settings.live.stall_seconds = 1;
+  const double begin = seconds();
+  auto player = Player::open(argv[2], settings);
+  if (!player.ok()) fail(player.status());
+  Show show(**player, begin);
+  std::printf("%s\n", show.follow(std::atof(argv[3])).dump().c_str());
+}
+
+void play(int argc, char** argv) {
+  const PlayerSettings settings = impatient();
   const double begin = seconds();
   auto player = Player::open(argv[2], settings);
   if (!player.ok()) fail(player.status());
@@ -150,8 +194,12 @@ int main(int argc, char** argv) {
     make(argv[2]);
   } else if (verb == "play" && argc >= 5) {
     play(argc, argv);
+  } else if (verb == "follow" && argc == 4) {
+    follow(argv);
   } else {
-    std::fprintf(stderr, "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...]\n");
+    std::fprintf(stderr,
+                 "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...] | follow PLACE "
+                 "SECONDS\n");
     return 1;
   }
   return 0;

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playing over HTTP: whatever the network and the server do, the picture degrades and recovers.
 
-usage: test_play.py PLAY_PROBE [unittest arguments]
+usage: test_play.py PLAY_PROBE RECORD_STRETCHES [unittest arguments]
 """
 import json
 import os
@@ -10,12 +10,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 import unittest
 
 from faulty_server import FaultyServer
 from nginx import Nginx
 
-PROBE = os.path.abspath(sys.argv[1])
+PROBE, RECORDER = map(os.path.abspath, sys.argv[1:3])
 
 
 class Play(unittest.TestCase):
@@ -108,5 +110,96 @@ class Play(unittest.TestCase):
         self.assertLess(out["closed_in"], 2, out)
 
 
+class Live(unittest.TestCase):
+    """A recorder appends a stretch of a third of a second in about that time."""
+    STRETCHES = 10
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = folder.name
+        self.file = self.folder + "/scene.stgs"
+        self.recorder = subprocess.Popen([RECORDER, self.file, str(self.STRETCHES), "333"])
+        self.addCleanup(self.recorder.wait)
+        self.addCleanup(self.recorder.kill)
+
+    def read(self):
+        with open(self.file, "rb") as file:
+            return file.read()
+
+    def wait_for_stretches(self, count):
+        """A stretch has some 8 kB; where it is joined does not matter."""
+        least = 4000 * count
+        while not os.path.exists(self.file) or os.path.getsize(self.file) < least:
+            time.sleep(0.02)
+
+    def follow(self, url):
+        run = subprocess.run([PROBE, "follow", url, "12"], stdout=subprocess.PIPE, check=True,
+                             timeout=60)
+        out = json.loads(run.stdout)
+        self.assertNotIn("error", out)
+        self.assertTrue(out["growing"], out)
+        self.assertGreater(out["joined"], 0, out)
+        self.assertTrue(out["ended"], out)
+        self.assertLess(out["longest_call"], 0.5, out)
+        self.assertEqual(out["counts"].get("finished"), 1, out)
+        self.assertEqual(out["counts"].get("damaged", 0), 0, out)
+        return out
+
+    def saw_all(self, out):
+        """From where it was joined on, the end included."""
+        self.assertEqual(out["seen"], list(range(int(3 * out["joined"] + 1e-6), self.STRETCHES)))
+
+    @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
+    def test_nginx(self):
+        self.wait_for_stretches(4)
+        with Nginx(self.folder) as server:
+            out = self.follow(server.url)
+        self.saw_all(out)
+        self.assertEqual(out["messages"], [])
+
+    def served(self, faults, mangle=lambda data: data):
+        """Serves the file as it grows; `mangle` says what of it there is."""
+        self.wait_for_stretches(2)
+        data = self.read()
+        with FaultyServer(data, [{}] * 8 + faults) as server:
+            server.etag = f'"{len(data)}"'
+            ended = threading.Event()
+
+            def renew():
+                while not ended.wait(0.02):
+                    data = mangle(self.read())
+                    with server.lock:
+                        server.data, server.etag = data, f'"{len(data)}"'
+
+            thread = threading.Thread(target=renew)
+            thread.start()
+            try:
+                return self.follow(server.url)
+            finally:
+                ended.set()
+                thread.join()
+
+    def test_a_link_that_misbehaves(self):
+        out = self.served([{"cut": 0}, {}, {"status": 503}, {}, {"cut": 100}, {}] * 6)
+        self.assertGreater(out["counts"].get("retry", 0), 0, out)
+        self.assertEqual(out["counts"].get("replaced", 0), 0, out)
+
+    def test_a_server_that_loses_the_file_for_a_while(self):
+        out = self.served([{"status": 404}] * 12)
+        self.assertGreater(out["counts"].get("lost", 0), 0, out)
+        self.assertTrue(any("404" in m for m in out["messages"]), out)
+
+    def test_a_file_that_is_shorter_for_a_while(self):
+        began = []
+
+        def mangle(data):
+            began.append(time.monotonic())
+            return data[:3000] if 0.5 < began[-1] - began[0] < 1.1 else data
+
+        out = self.served([], mangle)
+        self.assertGreaterEqual(out["counts"].get("replaced", 0), 1, out)
+
+
 if __name__ == "__main__":
-    unittest.main(argv=[sys.argv[0], *sys.argv[2:]], verbosity=2)
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)

@@ -38,7 +38,8 @@ class Play final : public Command {
                    "Camera file (JSON, as of 'stgs render'); else the file's start camera");
     app.add_option("--size", size_,
                    "WIDTHxHEIGHT of the window; else the camera's, at most 1280x720");
-    app.add_option("--time", time_, "Moment to begin at, seconds")
+    app.add_option("--time", time_,
+                   "Moment to begin at, seconds; 0: of a recording that grows near its end")
         ->check(number_between(0, 1e9))
         ->capture_default_str();
     app.add_option("--rate", rate_, "Speed, -2 to 4 and not 0")

@@ -93,6 +93,19 @@ long milliseconds(double seconds) {
   return std::max(1L, std::lround(std::min(seconds, 1e6) * 1e3));
 }
 
+struct FreeHeaders {
+  void operator()(curl_slist* headers) const { curl_slist_free_all(headers); }
+};
+using Headers = std::unique_ptr<curl_slist, FreeHeaders>;
+
+// Those that ask for an answer only if the ETag is not `known`; null where that is none.
+Headers headers_if_changed(const std::string& known) {
+  if (known.empty()) return nullptr;
+  Headers headers(curl_slist_append(nullptr, ("If-None-Match: " + known).c_str()));
+  if (headers != nullptr) curl_slist_append(headers.get(), "Cache-Control: no-cache");
+  return headers;
+}
+
 }  // namespace
 
 // What arrives of an answer. Headers begin anew with each answer of a chain of redirections.
@@ -219,7 +232,8 @@ CURLcode Connection::perform(bool& stopped) {
   return result;
 }
 
-Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out) {
+Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out,
+                        const std::string& known) {
   Reply reply;
   reply.easy = easy_;
   reply.offset = offset;
@@ -229,8 +243,11 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out) {
   curl_easy_setopt(easy_, CURLOPT_HEADERDATA, &reply);
   curl_easy_setopt(easy_, CURLOPT_WRITEDATA, &reply);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, reply.error);
+  const Headers headers = headers_if_changed(known);
+  curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
   bool stopped = stop_.stop_requested();
   const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(stopped);
+  curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, nullptr);
 
   Attempt attempt;
@@ -252,6 +269,9 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out) {
   } else if (result != CURLE_OK) {
     attempt.reason = reply.error[0] != 0 ? reply.error : curl_easy_strerror(result);
     if (!is_hopeless(result)) attempt.outcome = Attempt::Outcome::kAgain;
+  } else if (status == 304 && headers != nullptr) {
+    attempt.outcome = Attempt::Outcome::kDone;
+    attempt.unchanged = true;
   } else if (status == 206 || status == 416) {
     if (status == 206 && attempt.total == 0) {
       attempt.reason = "the server does not tell how large the file is";

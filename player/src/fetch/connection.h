@@ -25,6 +25,7 @@ struct Attempt {
   Outcome outcome = Outcome::kHopeless;
   StatusCode code = StatusCode::kIo;  // of what is hopeless
   std::string reason;
+  bool unchanged = false;    // of kDone: nothing was sent, the validator is the known one
   std::size_t received = 0;  // bytes of the range, from its first
   std::uint64_t total = 0;   // the file's size by Content-Range; 0: not told
   std::string validator;     // ETag, else Last-Modified, else empty
@@ -39,8 +40,9 @@ class Connection {
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  // Asks for `out.size()` bytes, at least one, from `offset` on.
-  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out);
+  // Asks for `out.size()` bytes, at least one, from `offset` on; with the ETag `known`, where it is
+  // not empty, only if it is another now, and past caches that may hold what was.
+  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {});
 
  private:
   struct Reply;

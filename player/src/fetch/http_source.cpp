@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <mutex>
 #include <random>
@@ -38,33 +39,40 @@ class Http final : public HttpSource {
     head_.resize(static_cast<std::size_t>(std::max<std::uint64_t>(settings_.head_bytes, 1)));
     STGS_ASSIGN(const Seen seen, fetch(0, head_, Check::kNothing));
     head_.resize(seen.bytes);
-    size_ = seen.total;
-    validator_ = seen.validator;
+    head_bytes_ = seen.bytes;
+    known_ = {seen.total, seen.total, seen.validator};
     return {};
   }
 
-  std::uint64_t size() const override { return size_; }
+  std::uint64_t size() const override { return known().size; }
   const std::string& name() const override { return name_; }
 
-  Status refresh() override {
-    std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_.size(), 1, kHeadCompared));
-    STGS_ASSIGN(const Seen seen, fetch(0, head, Check::kNothing));
-    if (seen.total < size_ || seen.bytes < std::min(head_.size(), head.size()) ||
-        !std::equal(
-            head_.begin(),
-            head_.begin() + static_cast<std::ptrdiff_t>(std::min(head_.size(), head.size())),
-            head.begin())) {
-      return replaced();
+  bool may_grow() const override { return true; }
+  Result<Change> refresh(std::uint64_t kept) override {
+    const Known before = known();
+    // What is beyond `kept` may be another now.
+    if (kept < head_bytes_) head_bytes_ = kept;
+    std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kHeadCompared));
+    STGS_ASSIGN(const Seen seen, fetch(0, head, Check::kNothing, etag_of(before.validator)));
+    const std::size_t same = std::min<std::size_t>(head_bytes_, head.size());
+    if (!seen.unchanged &&
+        (seen.total < kept || seen.bytes < same ||
+         !std::equal(head.begin(), head.begin() + static_cast<std::ptrdiff_t>(same),
+                     head_.begin()))) {
+      tell(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
+      return Change::kReplaced;
     }
-    size_ = seen.total;
-    validator_ = seen.validator;
-    return {};
+    const std::lock_guard lock(mutex_);
+    known_.kept = kept;
+    if (seen.unchanged) return Change::kNone;
+    known_.validator = seen.validator;
+    return std::exchange(known_.size, seen.total) == seen.total ? Change::kNone : Change::kResized;
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    STGS_TRY(check_range(name_, size_, offset, out.size()));
+    STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
-    if (offset + out.size() <= head_.size()) {
+    if (offset + out.size() <= head_bytes_) {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     }
@@ -82,6 +90,7 @@ class Http final : public HttpSource {
     std::size_t bytes = 0;  // of those asked for: fewer at the file's end
     std::uint64_t total = 0;
     std::string validator;
+    bool unchanged = false;  // nothing else was told
   };
   enum class Check { kNothing, kSame };
 
@@ -121,9 +130,27 @@ class Http final : public HttpSource {
   }
   Status stopped() const { return runtime_error("{}: reading was stopped", name_); }
 
-  bool is_same(const Attempt& attempt) const {
+  // What is known of the file.
+  struct Known {
+    std::uint64_t size = 0;
+    std::uint64_t kept = 0;  // of these bytes, how many are known to stay
+    std::string validator;
+  };
+  Known known() const {
+    const std::lock_guard lock(mutex_);
+    return known_;
+  }
+  // A validator that is an ETag, else nothing.
+  static std::string etag_of(const std::string& validator) {
+    return validator.starts_with('"') || validator.starts_with("W/\"") ? validator : "";
+  }
+
+  // Whether an answer is of the file that was known when it was asked for.
+  static bool is_same(const Attempt& attempt, const Known& known) {
     if (attempt.total == 0) return true;  // it did not say
-    return attempt.total > size_ || (attempt.total == size_ && attempt.validator == validator_);
+    if (attempt.total < known.kept) return false;
+    const bool all_stays = attempt.total == known.size && attempt.total == known.kept;
+    return !all_stays || attempt.validator == known.validator;
   }
 
   void tell(TransferEvent::Kind kind, std::uint64_t offset, double wait,
@@ -131,25 +158,29 @@ class Http final : public HttpSource {
     if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
   }
 
-  Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check) const {
+  // `etag`, where it is not empty: nothing needs to come as long as it is that.
+  Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
+                     const std::string& etag = {}) const {
     const Lease lease(*this);
     if (settings_.stop.stop_requested()) return stopped();
     if (lease.get() == nullptr) return runtime_error("{}: libcurl has no memory left", name_);
     std::size_t done = 0;
     for (int failures = 0;;) {
-      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done));
+      const Known then = known();
+      const Attempt attempt =
+          lease.get()->get(offset + done, out.subspan(done), done == 0 ? etag : std::string());
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
       Status failure;
       auto kind = TransferEvent::Kind::kFailed;
-      if (check == Check::kSame && !is_same(attempt)) {
+      if (check == Check::kSame && !is_same(attempt, then)) {
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
       } else if (attempt.outcome == Attempt::Outcome::kDone ||
                  (attempt.outcome == Attempt::Outcome::kAgain && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
-          return Seen{done, attempt.total, attempt.validator};
+          return Seen{done, attempt.total, attempt.validator, attempt.unchanged};
         }
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
@@ -194,11 +225,11 @@ class Http final : public HttpSource {
 
   std::string url_, name_;
   HttpSettings settings_;
-  std::uint64_t size_ = 0;
-  std::string validator_;
-  std::vector<std::uint8_t> head_;  // the file's first bytes
+  std::vector<std::uint8_t> head_;             // the file's first bytes
+  std::atomic<std::uint64_t> head_bytes_ = 0;  // of these, how many are known to be right
 
   mutable std::mutex mutex_;  // of what follows
+  Known known_;
   mutable std::condition_variable_any freed_;
   mutable std::vector<std::unique_ptr<Connection>> free_;
   mutable int opened_ = 0;

@@ -4,6 +4,11 @@
 #include <algorithm>
 
 namespace stgs::player {
+namespace {
+
+constexpr std::size_t kRecent = 4;
+
+}  // namespace
 
 Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
   Bytes bytes;
@@ -23,6 +28,30 @@ Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) cons
   std::copy_n(bytes->begin() + static_cast<std::ptrdiff_t>(offset - begin), out.size(),
               out.begin());
   return {};
+}
+
+Status PieceSource::fetch(std::uint64_t offset, std::span<std::uint8_t> out, bool& read) const {
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [begin, bytes] : recent_) {
+      if (offset < begin || offset - begin > bytes.size() ||
+          out.size() > bytes.size() - (offset - begin)) {
+        continue;
+      }
+      std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(offset - begin), out.size(),
+                  out.begin());
+      read = false;
+      return {};
+    }
+  }
+  read = true;
+  return under_->read(offset, out);
+}
+
+void PieceSource::recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+  const std::lock_guard lock(mutex_);
+  recent_.emplace_back(offset, std::vector<std::uint8_t>(bytes.begin(), bytes.end()));
+  if (recent_.size() > kRecent) recent_.pop_front();
 }
 
 void PieceSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {

@@ -2,6 +2,7 @@
 // A source whose pieces are fetched by somebody else, before they are read.
 #pragma once
 
+#include <deque>
 #include <map>
 #include <memory>
 #include <memory_resource>
@@ -13,8 +14,7 @@
 
 namespace stgs::player {
 
-// Reads pieces that were put there from memory, and all else from `under`. Thread-safe, but for
-// refresh().
+// Reads pieces that were put there from memory, and all else from `under`. Thread-safe.
 class PieceSource final : public ByteSource {
  public:
   // `memory`: of the pieces.
@@ -23,10 +23,15 @@ class PieceSource final : public ByteSource {
 
   std::uint64_t size() const override { return under_->size(); }
   const std::string& name() const override { return under_->name(); }
-  Status refresh() override { return under_->refresh(); }
+  bool may_grow() const override { return under_->may_grow(); }
+  Result<Change> refresh(std::uint64_t kept) override { return under_->refresh(kept); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
-  const ByteSource& under() const { return *under_; }
+  // Reads a piece that is to be put there: what recent() was told of is not read again. `read`
+  // tells whether it was.
+  Status fetch(std::uint64_t offset, std::span<std::uint8_t> out, bool& read) const;
+  // Bytes that were read for something else, some 64 kB: the last few are kept.
+  void recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   void put(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   void drop(std::uint64_t offset);
 
@@ -37,6 +42,7 @@ class PieceSource final : public ByteSource {
   std::pmr::memory_resource* memory_;
   mutable std::mutex mutex_;
   std::map<std::uint64_t, Bytes> pieces_;  // by offset
+  std::deque<std::pair<std::uint64_t, std::vector<std::uint8_t>>> recent_;
 };
 
 }  // namespace stgs::player

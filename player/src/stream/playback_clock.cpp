@@ -18,7 +18,7 @@ PlaybackClock::Step PlaybackClock::after(double seconds) const {
     return {inside, false, to < 0 || to >= round};
   }
   const bool ended = rate_ < 0 ? to <= 0 : to >= last_;
-  return {std::clamp(to, 0.0, last_), ended, false};
+  return {std::clamp(to, 0.0, std::max(last_, ticks_)), ended, false};
 }
 
 }  // namespace stgs::player

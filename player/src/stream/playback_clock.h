@@ -7,8 +7,8 @@ namespace stgs::player {
 // Moments in ticks of the clip, times in seconds of a clock that never goes back. Not thread-safe.
 class PlaybackClock {
  public:
-  // Shows moments in [0, last], the beginning of the last frame; frames last a tick. ticks_a_second
-  // is what a rate of 1 is.
+  // Shows moments in [0, last], the beginning of the last frame; frames last a tick. Infinity:
+  // there is no end. ticks_a_second is what a rate of 1 is.
   PlaybackClock(double last, double ticks_a_second)
       : last_(last), ticks_a_second_(ticks_a_second) {}
 
@@ -17,6 +17,8 @@ class PlaybackClock {
   bool loop() const { return loop_; }
   double ticks_per_second() const { return rate_ * ticks_a_second_; }
 
+  // The moment stays, also where that is the end of what there is now.
+  void set_last(double last) { last_ = last; }
   void seek(double ticks);
   void set_rate(double rate) { rate_ = rate; }  // not 0
   void set_loop(bool loop) { loop_ = loop; }

@@ -26,17 +26,17 @@ std::optional<std::uint32_t> SegmentStore::next_decode() const {
 }
 
 // `harmonics`: what is wrong with these alone.
-Status SegmentStore::decode(std::uint32_t segment, bool with_harmonics,
+Status SegmentStore::decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
                             std::shared_ptr<const HeldSegment>& held, Status& harmonics) const {
   try {
-    Result<Gaussians4D> set = with_harmonics ? reader_->decode_sound(segment, harmonics)
-                                             : reader_->decode(segment, false);
+    Result<Gaussians4D> set =
+        with_harmonics ? reader.decode_sound(segment, harmonics) : reader.decode(segment, false);
     STGS_TRY(set.status());
     held = std::make_shared<const HeldSegment>(std::move(set).value(), settings_.memory);
     return {};
   } catch (const std::exception& e) {
     return {code_of(e),
-            fmt::format("{}: cannot hold segment {}: {}", source_.name(), segment, e.what())};
+            fmt::format("{}: cannot hold segment {}: {}", source_->name(), segment, e.what())};
   }
 }
 
@@ -49,16 +49,18 @@ void SegmentStore::decode_segments() {
       to_decode_.wait(lock);
       continue;
     }
-    Entry& entry = entries_[*segment];
-    const bool with_harmonics = entry.harmonics.at == At::kHere;
-    entry.decoding = true;
+    const bool with_harmonics = entries_[*segment].harmonics.at == At::kHere;
+    entries_[*segment].decoding = true;
+    const auto reader = reader_;
+    const std::uint64_t generation = generation_;
     lock.unlock();
     std::shared_ptr<const HeldSegment> held;
     Status harmonics;
     Status base;
-    run_as_task([&] { base = decode(*segment, with_harmonics, held, harmonics); });
+    run_as_task([&] { base = decode(*reader, *segment, with_harmonics, held, harmonics); });
     lock.lock();
-    entry.decoding = false;
+    if (generation != generation_) continue;
+    entries_[*segment].decoding = false;
     take_decoded(*segment, with_harmonics, std::move(held), base, harmonics);
   }
 }
@@ -85,7 +87,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   for (const bool which : {false, true}) {
     const Piece piece{segment, which};
     if (piece_bytes(piece) == 0) continue;
-    source_.drop(piece_offset(piece));
+    source_->drop(piece_offset(piece));
     count(piece, state(piece).memory - piece_bytes(piece));
   }
   entry.harmonics.patience = 0;

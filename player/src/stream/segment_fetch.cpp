@@ -52,7 +52,8 @@ bool SegmentStore::in_time(const Piece& piece) const {
 // Whether something is under way that the viewer waits for, and has not been for long.
 bool SegmentStore::is_waited_for(double now) const {
   return std::any_of(running_.begin(), running_.end(), [&](const Run& run) {
-    return urgency_of(run.pieces[0]) <= 0 && now < run.begun + kAlone;
+    return run.generation == generation_ && urgency_of(run.pieces[0].piece) <= 0 &&
+           now < run.begun + kAlone;
   });
 }
 
@@ -105,11 +106,12 @@ bool SegmentStore::next_run(double now, Runs& taken) {
     if (layer0 && running_.empty() && need_for(*first).from <= settings_.resume_seconds) {
       lose(*first, false, PlayerEvent::Kind::kLost,
            runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
-                         source_.name(), settings_.memory_budget));
+                         source_->name(), settings_.memory_budget));
     }
     return false;
   }
-  taken.push_back({piece_offset(*first), piece_bytes(*first), {*first}, jumps_, now});
+  const std::uint64_t offset = piece_offset(*first), bytes = piece_bytes(*first);
+  taken.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
   extend(taken.back(), urgency, now);
   return true;
 }
@@ -117,7 +119,7 @@ bool SegmentStore::next_run(double now, Runs& taken) {
 // Adds what follows in the file: what is about as urgent as the first piece, which it makes later,
 // and what comes sooner with it than by a request of its own.
 void SegmentStore::extend(Run& run, double urgency, double now) {
-  const Piece first = run.pieces[0];
+  const Piece first = run.pieces[0].piece;
   const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_patience_seconds;
   const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
   std::size_t at = places_[2 * std::size_t{first.segment} + (first.harmonics ? 1 : 0)];
@@ -130,7 +132,7 @@ void SegmentStore::extend(Run& run, double urgency, double now) {
     if (bytes > kRun || !wanted(piece, now) || !in_time(piece) || urgency_of(piece) > most) return;
     if (!take(piece, urgency_of(piece))) return;
     run.bytes = bytes;
-    run.pieces.push_back(piece);
+    run.pieces.push_back({piece, begin, piece_bytes(piece)});
   }
 }
 
@@ -155,7 +157,7 @@ void SegmentStore::fetch_pieces() {
     } catch (const std::exception& e) {
       bytes.clear();
       status = {code_of(e),
-                fmt::format("{}: cannot hold {} bytes: {}", source_.name(), run->bytes, e.what())};
+                fmt::format("{}: cannot hold {} bytes: {}", source_->name(), run->bytes, e.what())};
     }
     const bool came = status.ok() && bytes.size() == run->bytes;
     lock.lock();
@@ -176,8 +178,9 @@ std::size_t SegmentStore::stretch_of(const Run& run) const {
 
 // Whether the rest of a run is not worth its time: after a jump there is something more urgent.
 bool SegmentStore::given_up(const Run& run) const {
-  return stopping_ ||
-         (run.jumps != jumps_ && urgency_of(run.pieces[0]) > settings_.layer_patience_seconds);
+  return stopping_ || run.generation != generation_ ||
+         (run.jumps != jumps_ &&
+          urgency_of(run.pieces[0].piece) > settings_.layer_patience_seconds);
 }
 
 // The bytes of a run; none where it is given up.
@@ -185,10 +188,11 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
   bytes.resize(static_cast<std::size_t>(run.bytes));
   for (std::size_t done = 0; done < bytes.size();) {
     const std::size_t part = std::min(stretch_of(run), bytes.size() - done);
-    STGS_TRY(source_.under().read(run.offset + done, std::span(bytes).subspan(done, part)));
+    bool read = false;
+    STGS_TRY(source_->fetch(run.offset + done, std::span(bytes).subspan(done, part), read));
     done += part;
     const std::lock_guard lock(mutex_);
-    throughput_.arrived(part, clock_seconds());
+    if (read) throughput_.arrived(part, clock_seconds());
     fetched_bytes_ += part;
     if (done < bytes.size() && given_up(run)) {
       bytes.clear();
@@ -199,17 +203,18 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
 }
 
 void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
-  for (const Piece& piece : run.pieces) {
-    const auto own = bytes.subspan(static_cast<std::size_t>(piece_offset(piece) - run.offset),
-                                   static_cast<std::size_t>(piece_bytes(piece)));
-    source_.put(piece_offset(piece), own);
+  for (const PlacedPiece& own : run.pieces) {
+    source_->put(own.offset, bytes.subspan(static_cast<std::size_t>(own.offset - run.offset),
+                                           static_cast<std::size_t>(own.bytes)));
   }
 }
 
 // After a run that has come, was given up, or failed.
 void SegmentStore::settle(const Run& run, bool came, const Status& status) {
-  for (const Piece& piece : run.pieces) {
-    if (came) {
+  for (const auto& [piece, offset, bytes] : run.pieces) {
+    if (run.generation != generation_) {
+      source_->drop(offset);
+    } else if (came) {
       state(piece).at = At::kHere;
     } else {
       release(piece, At::kAway);

@@ -14,28 +14,10 @@ constexpr double kForEver = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-SegmentStore::SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& source,
-                           const PlayerSettings& settings)
-    : reader_(std::move(reader)), source_(source), settings_(settings) {
-  const std::vector<SegmentInfo>& segments = reader_->segments();
-  for (const SegmentInfo& segment : segments) tiers_ = std::max(tiers_, segment.tier + 1);
-  entries_.resize(segments.size());
-  for (std::size_t s = 0; s < segments.size(); ++s) {
-    if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
-    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
-    if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
-  }
-  for (std::uint32_t s = 0; s < segments.size(); ++s) {
-    for (const bool harmonics : {false, true}) {
-      if (piece_bytes({s, harmonics}) > 0) in_file_.push_back({s, harmonics});
-    }
-  }
-  std::sort(in_file_.begin(), in_file_.end(),
-            [this](const Piece& a, const Piece& b) { return piece_offset(a) < piece_offset(b); });
-  places_.resize(2 * segments.size());
-  for (std::size_t i = 0; i < in_file_.size(); ++i) {
-    places_[2 * std::size_t{in_file_[i].segment} + (in_file_[i].harmonics ? 1 : 0)] = i;
-  }
+SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
+                           std::shared_ptr<PieceSource> source, const PlayerSettings& settings)
+    : source_(std::move(source)), settings_(settings), reader_(std::move(reader)) {
+  list_segments();
   motion_.duration = reader_->metadata().frames;
   start_threads();
 }
@@ -43,6 +25,77 @@ SegmentStore::SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& sou
 SegmentStore::~SegmentStore() {
   stop();
   for (std::thread& thread : threads_) thread.join();
+}
+
+// Lists the segments of the reader that are not listed yet; they follow the others in the file.
+void SegmentStore::list_segments() {
+  const std::vector<SegmentInfo>& segments = reader_->segments();
+  const std::size_t first = entries_.size(), first_in_file = in_file_.size();
+  entries_.resize(segments.size());
+  for (std::size_t s = first; s < segments.size(); ++s) {
+    tiers_ = std::max(tiers_, segments[s].tier + 1);
+    if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
+    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
+    if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
+    for (const bool harmonics : {false, true}) {
+      const Piece piece{static_cast<std::uint32_t>(s), harmonics};
+      if (piece_bytes(piece) > 0) in_file_.push_back(piece);
+    }
+  }
+  std::sort(in_file_.begin() + static_cast<std::ptrdiff_t>(first_in_file), in_file_.end(),
+            [this](const Piece& a, const Piece& b) { return piece_offset(a) < piece_offset(b); });
+  places_.resize(2 * segments.size());
+  for (std::size_t i = first_in_file; i < in_file_.size(); ++i) {
+    places_[2 * std::size_t{in_file_[i].segment} + (in_file_[i].harmonics ? 1 : 0)] = i;
+  }
+}
+
+// Whether the reader's segments begin with those that are listed, and the rest lies behind them.
+bool SegmentStore::goes_on(const SceneReader& reader) const {
+  const std::vector<SegmentInfo>&before = reader_->segments(), &now = reader.segments();
+  const auto same = [](const SegmentInfo& a, const SegmentInfo& b) {
+    return a.offset == b.offset && a.bytes == b.bytes && a.primitives == b.primitives &&
+           a.harmonics_offset == b.harmonics_offset && a.harmonics_bytes == b.harmonics_bytes;
+  };
+  return now.size() >= before.size() &&
+         std::equal(before.begin(), before.end(), now.begin(), same) &&
+         std::all_of(now.begin() + static_cast<std::ptrdiff_t>(before.size()), now.end(),
+                     [&](const SegmentInfo& s) { return s.offset >= reader_->file_bytes(); });
+}
+
+// What is under way of them goes when it has come.
+void SegmentStore::forget_segments() {
+  for (const Piece& piece : in_file_) {
+    if (state(piece).at == At::kHere) source_->drop(piece_offset(piece));
+  }
+  entries_.clear();
+  in_file_.clear();
+  places_.clear();
+  losses_.clear();
+  memory_ = 0;
+  full_from_ = kForEver;
+  ++generation_;
+}
+
+void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
+  {
+    const std::lock_guard lock(mutex_);
+    // A fragment of the index that was damaged leaves out what a later one may list again.
+    if (!goes_on(*reader)) forget_segments();
+    reader_ = std::move(reader);
+    list_segments();
+  }
+  to_fetch_.notify_all();
+}
+
+SegmentStore::Known SegmentStore::known() const {
+  const std::lock_guard lock(mutex_);
+  return {reader_, generation_};
+}
+
+int SegmentStore::tiers() const {
+  const std::lock_guard lock(mutex_);
+  return tiers_;
 }
 
 void SegmentStore::start_threads() {
@@ -91,9 +144,10 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
   to_decode_.notify_one();
 }
 
-std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment) const {
+std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,
+                                                      std::uint64_t generation) const {
   const std::lock_guard lock(mutex_);
-  return entries_[segment].held;
+  return generation == generation_ ? entries_[segment].held : nullptr;
 }
 
 bool SegmentStore::base_settled(std::uint32_t segment) const {
@@ -114,8 +168,8 @@ bool SegmentStore::has_no_room(const Piece& piece) const {
 }
 
 bool SegmentStore::ready(double ticks) const {
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   const std::lock_guard lock(mutex_);
+  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
     return reader_->segments()[s].tier > 0 || base_settled(s);
   });
@@ -123,8 +177,10 @@ bool SegmentStore::ready(double ticks) const {
 
 std::vector<TickRange> SegmentStore::ready_ranges() const {
   std::vector<TickRange> gaps;
+  double end = 0;
   {
     const std::lock_guard lock(mutex_);
+    end = reader_->metadata().frames;
     for (std::uint32_t s = 0; s < entries_.size(); ++s) {
       const SegmentInfo& segment = reader_->segments()[s];
       if (segment.tier == 0 && !base_settled(s))
@@ -135,7 +191,6 @@ std::vector<TickRange> SegmentStore::ready_ranges() const {
             [](const TickRange& a, const TickRange& b) { return a.begin < b.begin; });
   std::vector<TickRange> ranges;
   double at = 0;
-  const double end = reader_->metadata().frames;
   for (const TickRange& gap : gaps) {
     if (gap.begin > at) ranges.push_back({at, std::min(gap.begin, end)});
     at = std::max(at, gap.end);
@@ -145,8 +200,8 @@ std::vector<TickRange> SegmentStore::ready_ranges() const {
 }
 
 int SegmentStore::layers(double ticks) const {
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   const std::lock_guard lock(mutex_);
+  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   int layers = 2 * tiers_;
   for (std::uint32_t s : alive) {
     const SegmentInfo& segment = reader_->segments()[s];
@@ -161,8 +216,8 @@ int SegmentStore::layers(double ticks) const {
 }
 
 bool SegmentStore::settled(double ticks) const {
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   const std::lock_guard lock(mutex_);
+  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
   return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
     if (!base_settled(s)) return has_no_room({s, false});
     return harmonics_settled(s) || has_no_room({s, true});
@@ -233,7 +288,7 @@ void SegmentStore::count(const Piece& piece, std::uint64_t memory) {
 
 // What a piece leaves when it is not here any more.
 void SegmentStore::release(const Piece& piece, At at) {
-  source_.drop(piece_offset(piece));
+  source_->drop(piece_offset(piece));
   count(piece, 0);
   state(piece).at = at;
 }

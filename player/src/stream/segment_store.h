@@ -26,7 +26,7 @@ namespace stgs::player {
 class SegmentStore {
  public:
   // `source` is the one of `reader`.
-  SegmentStore(std::unique_ptr<SceneReader> reader, PieceSource& source,
+  SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<PieceSource> source,
                const PlayerSettings& settings);
   ~SegmentStore();
   // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
@@ -34,15 +34,23 @@ class SegmentStore {
   SegmentStore(const SegmentStore&) = delete;
   SegmentStore& operator=(const SegmentStore&) = delete;
 
-  const SceneReader& reader() const { return *reader_; }
-  int tiers() const { return tiers_; }
+  // A reader of the file as it is known now. Another generation: its segments are not those that
+  // there were, and more; all that was held of these has gone.
+  struct Known {
+    std::shared_ptr<const SceneReader> reader;
+    std::uint64_t generation = 0;
+  };
+  Known known() const;
+  // The file has grown: `reader` is one of what it is now.
+  void grow(std::shared_ptr<const SceneReader> reader);
+  int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
 
   // Where the viewer is now. `jumped`: not where he was about to come.
   void move(const Motion& motion, bool jumped);
 
-  // What is there of a segment, or null.
-  std::shared_ptr<const HeldSegment> held(std::uint32_t segment) const;
+  // What is there of a segment of that generation, or null.
+  std::shared_ptr<const HeldSegment> held(std::uint32_t segment, std::uint64_t generation) const;
   // Whether nothing of layer 0 at this moment is still to come.
   bool ready(double ticks) const;
   // The moments around which nothing of layer 0 is still to come, ascending, apart from each other.
@@ -72,12 +80,17 @@ class SegmentStore {
     bool decoding = false, with_harmonics = false;  // the latter: of `held`
     std::shared_ptr<const HeldSegment> held;
   };
+  struct PlacedPiece {
+    Piece piece;
+    std::uint64_t offset = 0, bytes = 0;
+  };
   // Pieces that are asked for at once: they follow each other in the file.
   struct Run {
     std::uint64_t offset = 0, bytes = 0;
-    std::vector<Piece> pieces;
+    std::vector<PlacedPiece> pieces;
     std::uint64_t jumps = 0;  // when it began
     double begun = 0;
+    std::uint64_t generation = 0;
   };
   using Runs = std::list<Run>;
 
@@ -97,6 +110,9 @@ class SegmentStore {
   bool has_no_room(const Piece& piece) const;
 
   static double clock_seconds();
+  bool goes_on(const SceneReader& reader) const;
+  void list_segments();
+  void forget_segments();
   void start_threads();
   void run_thread(void (SegmentStore::*work)());
   void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
@@ -125,20 +141,21 @@ class SegmentStore {
   // segment_decoding.cpp
   void decode_segments();
   std::optional<std::uint32_t> next_decode() const;
-  Status decode(std::uint32_t segment, bool with_harmonics,
+  Status decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
                 std::shared_ptr<const HeldSegment>& held, Status& harmonics) const;
   void take_decoded(std::uint32_t segment, bool with_harmonics,
                     std::shared_ptr<const HeldSegment> held, const Status& base,
                     const Status& harmonics);
 
-  const std::unique_ptr<SceneReader> reader_;
-  PieceSource& source_;
+  const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
+
+  mutable std::mutex mutex_;  // of all that follows
+  std::shared_ptr<const SceneReader> reader_;
+  std::uint64_t generation_ = 0;  // how often its segments were not those before, and more
   int tiers_ = 1;
   std::vector<Piece> in_file_;       // all, by offset
   std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
-
-  mutable std::mutex mutex_;  // of all that follows
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
   std::uint64_t jumps_ = 0;

@@ -13,27 +13,23 @@ namespace {
 class StreamTimeline final : public Timeline {
  public:
   StreamTimeline(SegmentStore& store, std::string name) : store_(store), name_(std::move(name)) {
-    std::uint32_t base = 0;
-    for (const SegmentInfo& segment : store_.reader().segments()) {
-      id_base_.push_back(base);
-      base += segment.primitives;
-    }
+    look_again();
   }
 
   const std::string& name() const override { return name_; }
-  const SceneMetadata& metadata() const override { return store_.reader().metadata(); }
+  const SceneMetadata& metadata() const override { return reader().metadata(); }
   double duration_seconds() const override {
     return metadata().time_base.seconds(metadata().frames);
   }
-  const std::vector<Issue>& damage() const override { return store_.reader().damage(); }
+  const std::vector<Issue>& damage() const override { return reader().damage(); }
   double complete_seconds() const override {
-    return metadata().time_base.seconds(store_.reader().complete_ticks());
+    return metadata().time_base.seconds(reader().complete_ticks());
   }
   const std::vector<Loss>& losses() const override { return losses_; }
   std::uint64_t memory_bytes() const override { return store_.statistics().memory_bytes; }
   std::uint64_t stored_primitives() const override { return store_.statistics().stored_primitives; }
 
-  const SceneReader& reader() const override { return store_.reader(); }
+  const SceneReader& reader() const override { return *known_.reader; }
   std::uint64_t memory_budget() const override { return store_.memory_budget(); }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
@@ -49,7 +45,7 @@ class StreamTimeline final : public Timeline {
 
   Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) override {
     std::optional<Gaussians4D> out;
-    if (const auto held = store_.held(segment)) out = held->set;
+    if (const auto held = store_.held(segment, known_.generation)) out = held->set;
     return out;
   }
 
@@ -78,20 +74,36 @@ class StreamTimeline final : public Timeline {
     std::vector<std::uint32_t> candidates;
   };
 
-  // What is there of the moment; losses_ as of now.
+  // What the file is now.
+  void look_again() {
+    SegmentStore::Known now = store_.known();
+    if (now.reader == known_.reader) return;
+    if (now.generation != known_.generation) {
+      id_base_.clear();
+      identity_ = std::make_shared<char>();
+    }
+    known_ = std::move(now);
+    const std::vector<SegmentInfo>& segments = reader().segments();
+    for (std::size_t s = id_base_.size(); s < segments.size(); ++s) {
+      id_base_.push_back(s > 0 ? id_base_[s - 1] + segments[s - 1].primitives : 0);
+    }
+  }
+
+  // What is there of the moment; all else as of now.
   Result<std::vector<Drawn>> held_at(double seconds) {
     if (!std::isfinite(seconds)) {
       return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
     }
+    look_again();
     const double ticks = metadata().time_base.ticks(seconds);
-    std::vector<std::uint32_t> alive = store_.reader().segments_between(ticks, ticks);
+    std::vector<std::uint32_t> alive = reader().segments_between(ticks, ticks);
     std::sort(alive.begin(), alive.end());
     losses_ = store_.losses();
     std::vector<Drawn> drawn;
     for (const std::uint32_t segment : alive) {
-      const SegmentInfo& info = store_.reader().segments()[segment];
-      const double begin = store_.reader().parts()[info.part].begin_ticks;
-      if (auto held = store_.held(segment)) {
+      const SegmentInfo& info = reader().segments()[segment];
+      const double begin = reader().parts()[info.part].begin_ticks;
+      if (auto held = store_.held(segment, known_.generation)) {
         drawn.push_back({segment, std::move(held), ticks - begin, {}});
       }
     }
@@ -100,6 +112,7 @@ class StreamTimeline final : public Timeline {
 
   SegmentStore& store_;
   std::string name_;
+  SegmentStore::Known known_;  // as of the last time that something was asked for
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::vector<std::uint32_t> id_base_;
   std::vector<Drawn> drawn_;

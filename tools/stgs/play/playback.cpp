@@ -52,13 +52,15 @@ Status Playback::begin() {
   player_->set_loop(loop_);
   rate_ = settings_.rate;
   STGS_TRY(player_->set_rate(rate_));
-  STGS_TRY(player_->seek(settings_.seconds));
+  // A recording that grows is at its edge already.
+  if (settings_.seconds > 0 || !player_->live().growing) STGS_TRY(player_->seek(settings_.seconds));
   if (!settings_.paused) player_->play();
   return {};
 }
 
 double Playback::advance(double now) {
   const double moment = player_->advance(now);
+  if (player_->live().following) rate_ = 1;
   take_events(now);
   return moment;
 }
@@ -146,6 +148,7 @@ void Playback::take_events(double now) {
     const char* what = event.kind == PlayerEvent::Kind::kRetry      ? "trying again"
                        : event.kind == PlayerEvent::Kind::kLost     ? "missing for now"
                        : event.kind == PlayerEvent::Kind::kReplaced ? "nothing more of it comes"
+                       : event.kind == PlayerEvent::Kind::kStalled  ? "waiting for the recorder"
                                                                     : "damaged, left out";
     notices_.push_back({now, fmt::format("{}: {}", what, event.message)});
     session_.log(1, fmt::format("at byte {}: {} ({})", event.offset, event.message, what));

@@ -17,8 +17,16 @@ class ByteSource {
   virtual ~ByteSource() = default;
   // Total size in bytes.
   virtual std::uint64_t size() const = 0;
-  // Looks again how large it is, where it may have grown. Not while another thread uses it.
-  virtual Status refresh() { return {}; }
+  // Whether refresh() may find more.
+  virtual bool may_grow() const { return false; }
+  // Looks again how large it is. Of the first `kept` bytes the caller knows that they stay; what
+  // follows them may have become longer or shorter. kReplaced: these are not all there any more, or
+  // it is another file; the source is as it was then. Thread-safe.
+  enum class Change { kNone, kResized, kReplaced };
+  virtual Result<Change> refresh(std::uint64_t kept) {
+    (void)kept;
+    return Change::kNone;
+  }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
   // What messages call it: a path, or "memory".

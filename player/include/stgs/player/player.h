@@ -28,15 +28,36 @@ struct PlayerEvent {
     kRetry,    // a transfer failed and is tried again
     kLost,     // a piece could not be read; it is tried again later
     kDamaged,  // a piece is not what was written; the picture lacks it
-    kReplaced  // the file at the URL is another one now: what has not come will not; told once
+    // The file is another one now, or has lost what it had: what has not come will not, as long as
+    // it is so. Told once, and again where it has been right meanwhile.
+    kReplaced,
+    // Of a recording that is followed:
+    kStalled,  // nothing has been added to it for LiveSettings::stall_seconds; looked for further
+    kSkipped,  // the moment was too far behind the edge, and has jumped to where it follows it
+    kFinished  // it is closed: nothing more comes, and the clip has its end
   };
   Kind kind = Kind::kBuffering;
   double seconds = 0;  // the moment of the clip
   int layers = 0;      // of kLayers
-  // Of kRetry, kLost, kDamaged, kReplaced: byte of the file, what is wrong.
+  // Of kRetry, kLost, kDamaged, kReplaced and kStalled: byte of the file, what is wrong.
   std::uint64_t offset = 0;
   StatusCode code = StatusCode::kOk;
   std::string message;
+};
+
+// How a recording is followed while it grows (spec 5.12), where its source can grow: a file, a URL,
+// or another that says so (ByteSource::may_grow). Its edge is the end of what is recorded.
+struct LiveSettings {
+  bool follow = true;  // false: what there is when it is opened is a clip like any other
+  // How far behind the edge play is, seconds; further where stretches are longer, or come too
+  // unevenly, for that without play standing still: 0 is as near as they let it be.
+  double behind_seconds = 1;
+  // Between looks whether there is more, about when it is due; up to 2 s where it does not come.
+  double poll_seconds = 0.05;
+  double stall_seconds = 5;  // without more, then kStalled is told
+  // Further behind where it follows, play jumps there; nearer, its rate is up to a tenth more or
+  // less until it is there.
+  double skip_seconds = 3;
 };
 
 struct PlayerSettings {
@@ -47,8 +68,9 @@ struct PlayerSettings {
   double layer_patience_seconds = 1;
   double retry_seconds = 1;  // until what could not be read is tried again
   int fetches = 4;           // at once
-  HttpSettings http;         // of a URL
-  ReadLimits limits;         // of the file
+  LiveSettings live;
+  HttpSettings http;  // of a URL
+  ReadLimits limits;  // of the file
   // Decodes; outlives the player. Null: threads of our own.
   TaskRunner* task_runner = nullptr;
   // Of what is fetched and decoded, from several threads at once. Null: the heap.
@@ -67,6 +89,17 @@ struct TickRange {
   double begin = 0, end = 0;
 };
 
+// Where play is in a recording that grows.
+struct LiveState {
+  bool growing = false;     // more is expected; false: the clip has its end, and the rest is 0
+  bool following = false;   // play keeps to the edge
+  double edge_seconds = 0;  // the end of what is recorded, as far as is known
+  // How far the moment is behind the edge, which is taken to move on steadily between what comes:
+  // what a viewer is late by.
+  double behind_seconds = 0;
+  double wanted_seconds = 0;  // how far it is to be
+};
+
 struct StreamStatistics {
   double bytes_per_second = 0;  // that the link has carried of late; 0: not known yet
   std::uint64_t fetched_bytes = 0;
@@ -74,6 +107,11 @@ struct StreamStatistics {
   std::uint64_t stored_primitives = 0;  // decoded and held
 };
 
+// A recording that grows is opened at its edge and followed (LiveSettings). To pause, to go to an
+// earlier moment, or another rate than 1 ends that; go_live(), or play that reaches the edge,
+// begins it again. Where play has no more to show it stands still until more comes, as anywhere
+// (kBuffering). Closed, a recording is a clip like any other.
+//
 // Not thread-safe: one thread calls it, and one, which may be another, draws what timeline() has.
 // Fetching and decoding have threads of their own, which the destructor ends.
 class Player {
@@ -101,7 +139,12 @@ class Player {
   virtual Status seek_frame(std::uint32_t frame) = 0;
   // kMinRate to kMaxRate, not 0 (kUsage).
   virtual Status set_rate(double rate) = 0;
+  // Counts once the clip has its end.
   virtual void set_loop(bool loop) = 0;
+  // Follows the edge of a recording that grows, at rate 1; the next advance() is there. Nothing
+  // happens where it does not grow.
+  virtual void go_live() = 0;
+  virtual LiveState live() const = 0;
 
   // The moment to draw at `now`, seconds of any clock that never goes back. The moment stands still
   // where the base of the next has not come, and jumps only where it is told to.

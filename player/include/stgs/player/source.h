@@ -47,8 +47,10 @@ struct TransferStatistics {
 
 // A file behind a server that answers byte ranges (RFC 9110, 14). What has come of a range when a
 // try fails is kept, and the next try asks for the rest. Reads tell (kIo) where the file has become
-// smaller, or another of the same size (by its ETag, else its time); one that has grown is taken
-// for the same, longer, and refresh() looks whether its beginning is.
+// smaller than it was, or than what refresh() was told to stay, or another of the same size (by its
+// ETag, else its time); one that has grown is taken for the same, longer, and refresh() looks
+// whether its beginning is. Where the server gives an ETag, refresh() of what has not changed is
+// one answer without a body (RFC 9110, 13.1.2).
 class HttpSource : public ByteSource {
  public:
   virtual TransferStatistics statistics() const = 0;

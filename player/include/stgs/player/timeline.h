@@ -43,6 +43,9 @@ class Timeline {
                                         Damaged damaged = Damaged::kRefuse);
   virtual ~Timeline() = default;
 
+  // Of a recording that a player follows (player.h) all is as of the last at() or needed_at(), and
+  // what was given before is void.
+
   // For messages: the path or URL.
   virtual const std::string& name() const = 0;
   virtual const SceneMetadata& metadata() const = 0;
@@ -92,7 +95,9 @@ class Timeline {
   // it is passed over, which losses() tells, or has not come.
   virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
   virtual std::uint64_t memory_budget() const = 0;
-  // The same as long as the timeline lives, and no other's while somebody keeps it.
+  // No other timeline's while somebody keeps it, and the same as long as this one lives; but
+  // another where the index of a recording lists again what damage had hidden, which changes the
+  // numbers of segments.
   virtual const std::shared_ptr<const void>& identity() const = 0;
 
   // Bytes of the decoded segments held now; never more than the budget.

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stream/snapshot_source.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace stgs::player {
+namespace {
+
+constexpr std::uint64_t kTail = 64 << 10;  // bytes at the end that are read at once
+constexpr std::uint64_t kMost = 64 << 20;  // bytes that are kept; beyond, all is read again
+
+// As long as the file was when this was made, whatever it has become.
+class SnapshotSource final : public ByteSource {
+ public:
+  SnapshotSource(std::shared_ptr<PieceSource> under, IndexCache& cache)
+      : under_(std::move(under)), size_(under_->size()), cache_(&cache) {}
+
+  std::uint64_t size() const override { return size_; }
+  const std::string& name() const override { return under_->name(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    STGS_TRY(check_range(name(), size_, offset, out.size()));
+    if (cache_ != nullptr) return cache_->read(*under_, size_, offset, out);
+    return under_->read(offset, out);
+  }
+  // The index has been read, by the thread that the cache is for.
+  void leave_cache() { cache_ = nullptr; }
+
+ private:
+  const std::shared_ptr<PieceSource> under_;
+  const std::uint64_t size_;
+  IndexCache* cache_;
+};
+
+}  // namespace
+
+IndexCache::Range* IndexCache::find(std::uint64_t offset, std::size_t bytes) {
+  const auto after = ranges_.upper_bound(offset);
+  if (after == ranges_.begin()) return nullptr;
+  auto& [begin, range] = *std::prev(after);
+  const std::uint64_t skipped = offset - begin;
+  const bool has_all = skipped <= range.bytes.size() && bytes <= range.bytes.size() - skipped;
+  return has_all ? &range : nullptr;
+}
+
+Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
+                        std::span<std::uint8_t> out) {
+  if (out.empty()) return {};
+  Range* range = find(offset, out.size());
+  const std::uint64_t tail = std::max(size - std::min(size, kTail), complete_);
+  std::uint64_t begin = offset;
+  if (range == nullptr) {
+    const bool at_end = offset > 0 && offset >= tail;
+    begin = at_end ? tail : offset;
+    const std::uint64_t end = at_end ? size : offset + out.size();
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(end - begin));
+    STGS_TRY(under.read(begin, bytes));
+    if (at_end) tail_at_ = begin;
+    if (this->bytes() + bytes.size() > kMost) ranges_.clear();
+    range = &(ranges_[begin] = {std::move(bytes), true});
+  } else {
+    begin = std::prev(ranges_.upper_bound(offset))->first;
+  }
+  range->used = true;
+  std::copy_n(range->bytes.begin() + static_cast<std::ptrdiff_t>(offset - begin), out.size(),
+              out.begin());
+  return {};
+}
+
+void IndexCache::keep(std::uint64_t complete) {
+  complete_ = complete;
+  std::erase_if(ranges_, [](const auto& range) { return !range.second.used; });
+  for (auto& [begin, range] : ranges_) range.used = false;
+  tail_at_.reset();
+  keep();
+}
+
+void IndexCache::keep() {
+  ranges_.erase(ranges_.lower_bound(complete_), ranges_.end());
+  for (auto& [begin, range] : ranges_) {
+    const std::uint64_t right = std::min<std::uint64_t>(range.bytes.size(), complete_ - begin);
+    range.bytes.resize(static_cast<std::size_t>(right));
+  }
+}
+
+std::pair<std::uint64_t, std::span<const std::uint8_t>> IndexCache::tail(
+    std::uint64_t complete) const {
+  const auto found = tail_at_ ? ranges_.find(*tail_at_) : ranges_.end();
+  if (found == ranges_.end() || complete <= *tail_at_) return {};
+  const std::span<const std::uint8_t> bytes(found->second.bytes);
+  const std::uint64_t right = std::min<std::uint64_t>(bytes.size(), complete - *tail_at_);
+  return {*tail_at_, bytes.first(static_cast<std::size_t>(right))};
+}
+
+std::uint64_t IndexCache::bytes() const {
+  std::uint64_t sum = 0;
+  for (const auto& [begin, range] : ranges_) sum += range.bytes.size();
+  return sum;
+}
+
+Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<PieceSource>& source,
+                                                         IndexCache& cache,
+                                                         const ReadLimits& limits,
+                                                         std::pmr::memory_resource* memory) {
+  auto snapshot = std::make_unique<SnapshotSource>(source, cache);
+  SnapshotSource& of_reader = *snapshot;
+  Result<std::unique_ptr<SceneReader>> opened =
+      SceneReader::open(std::move(snapshot), limits, memory);
+  if (!opened.ok()) {
+    cache.keep();
+    return opened.status();
+  }
+  of_reader.leave_cache();
+  std::unique_ptr<SceneReader> reader = std::move(opened).value();
+  if (reader->form() == SceneForm::kGrowing) {
+    const auto [offset, bytes] = cache.tail(reader->file_bytes());
+    if (!bytes.empty()) source->recent(offset, bytes);
+    cache.keep(reader->file_bytes());
+  } else {
+    cache.clear();
+  }
+  return std::shared_ptr<const SceneReader>(std::move(reader));
+}
+
+}  // namespace stgs::player
