@@ -75,13 +75,16 @@ namespace {
 
 class AsyncSource final : public ByteSource {
  public:
-  explicit AsyncSource(std::shared_ptr<AsyncIo> caller) : caller_(std::move(caller)) {}
+  explicit AsyncSource(std::shared_ptr<AsyncIo> caller)
+      : caller_(std::move(caller)), size_(caller_->io()) {}
 
-  std::uint64_t size() const override { return caller_->io().size; }
+  std::uint64_t size() const override { return size_.bytes(); }
+  bool may_grow() const override { return size_.may_grow(); }
+  stgs::Result<Change> refresh(std::uint64_t kept) override { return size_.refresh(kept); }
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     const stgs_async_io& io = caller_->io();
-    STGS_TRY(check_range(name_, io.size, offset, out.size()));
+    STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
     if (caller_->is_interrupted()) return interrupted();
     const auto answer = std::make_shared<AsyncIo::Answer>();
@@ -101,6 +104,7 @@ class AsyncSource final : public ByteSource {
   Status interrupted() const { return runtime_error("{}: reading was stopped", name_); }
 
   std::shared_ptr<AsyncIo> caller_;
+  CallerSize size_;
   std::string name_ = "the application's source";
 };
 

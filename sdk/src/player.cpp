@@ -33,6 +33,11 @@ stgs_player_settings default_settings() {
   settings.url_tries = static_cast<std::uint32_t>(defaults.http.tries);
   settings.url_connect_seconds = defaults.http.connect_seconds;
   settings.url_stall_seconds = defaults.http.stall_seconds;
+  settings.live_follow = defaults.live.follow ? 1 : 0;
+  settings.live_behind_seconds = defaults.live.behind_seconds;
+  settings.live_poll_seconds = defaults.live.poll_seconds;
+  settings.live_stall_seconds = defaults.live.stall_seconds;
+  settings.live_skip_seconds = defaults.live.skip_seconds;
   return settings;
 }
 
@@ -45,7 +50,9 @@ bool are_in_range(const stgs_player_settings& s) {
          is_duration(s.ahead_seconds) && is_duration(s.resume_seconds) &&
          is_duration(s.patience_seconds) && is_duration(s.retry_seconds) && s.fetches >= 1 &&
          s.fetches <= 64 && s.url_tries >= 1 && s.url_tries <= 1000 &&
-         is_duration(s.url_connect_seconds) && is_duration(s.url_stall_seconds);
+         is_duration(s.url_connect_seconds) && is_duration(s.url_stall_seconds) &&
+         is_duration(s.live_behind_seconds) && is_duration(s.live_poll_seconds) &&
+         is_duration(s.live_stall_seconds) && is_duration(s.live_skip_seconds);
 }
 
 stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
@@ -60,6 +67,11 @@ stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
   out.http.tries = static_cast<int>(s.url_tries);
   out.http.connect_seconds = s.url_connect_seconds;
   out.http.stall_seconds = s.url_stall_seconds;
+  out.live.follow = s.live_follow != 0;
+  out.live.behind_seconds = s.live_behind_seconds;
+  out.live.poll_seconds = s.live_poll_seconds;
+  out.live.stall_seconds = s.live_stall_seconds;
+  out.live.skip_seconds = s.live_skip_seconds;
   return out;
 }
 
@@ -96,9 +108,15 @@ stgs_event_kind kind_of(PlayerEvent::Kind kind) {
     case PlayerEvent::Kind::kDamaged:
       return STGS_EVENT_DAMAGED;
     case PlayerEvent::Kind::kReplaced:
+      return STGS_EVENT_REPLACED;
+    case PlayerEvent::Kind::kStalled:
+      return STGS_EVENT_STALLED;
+    case PlayerEvent::Kind::kSkipped:
+      return STGS_EVENT_SKIPPED;
+    case PlayerEvent::Kind::kFinished:
       break;
   }
-  return STGS_EVENT_REPLACED;
+  return STGS_EVENT_FINISHED;
 }
 
 Outcome check_open(const stgs_player& player) {
@@ -241,6 +259,26 @@ stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop) {
   return guarded(player, [&]() -> Outcome {
     player->loop = loop != 0;
     if (player->player != nullptr) player->player->set_loop(player->loop);
+    return {};
+  });
+}
+
+stgs_result stgs_player_go_live(stgs_player* player) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(check_open(*player));
+    player->player->go_live();
+    return {};
+  });
+}
+
+stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live* live) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(stgs::sdk::check_struct(live, "live"));
+    stgs::player::LiveState now;
+    if (player->player != nullptr) now = player->player->live();
+    stgs::sdk::give_struct(
+        live, stgs_player_live{sizeof(*live), now.growing ? 1 : 0, now.following ? 1 : 0,
+                               now.edge_seconds, now.behind_seconds, now.wanted_seconds});
     return {};
   });
 }

@@ -61,13 +61,16 @@ class CallerIo {
 
 class CallbackSource final : public ByteSource {
  public:
-  explicit CallbackSource(std::shared_ptr<const CallerIo> caller) : caller_(std::move(caller)) {}
+  explicit CallbackSource(std::shared_ptr<const CallerIo> caller)
+      : caller_(std::move(caller)), size_(caller_->io()) {}
 
-  std::uint64_t size() const override { return caller_->io().size; }
+  std::uint64_t size() const override { return size_.bytes(); }
+  bool may_grow() const override { return size_.may_grow(); }
+  stgs::Result<Change> refresh(std::uint64_t kept) override { return size_.refresh(kept); }
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     const stgs_io& io = caller_->io();
-    STGS_TRY(check_range(name_, io.size, offset, out.size()));
+    STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
     if (const int error = io.read(io.user, offset, out.data(), out.size()); error != 0) {
       return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
@@ -78,10 +81,18 @@ class CallbackSource final : public ByteSource {
 
  private:
   std::shared_ptr<const CallerIo> caller_;
+  CallerSize size_;
   std::string name_ = "the application's source";
 };
 
 }  // namespace
+
+ByteSource::Change CallerSize::refresh(std::uint64_t kept) {
+  if (ask_ == nullptr) return ByteSource::Change::kNone;
+  const std::uint64_t bytes = ask_(user_);
+  if (bytes < kept) return ByteSource::Change::kReplaced;
+  return bytes_.exchange(bytes) == bytes ? ByteSource::Change::kNone : ByteSource::Change::kResized;
+}
 
 std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes) {
   return std::make_unique<BorrowedSource>(bytes);

@@ -2,6 +2,7 @@
 // Bytes of the caller's as a ByteSource.
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <memory>
 #include <memory_resource>
@@ -17,6 +18,23 @@ std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes)
 // They are, to memory of that kind, which the source keeps.
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
                                           std::shared_ptr<std::pmr::memory_resource> memory);
+
+// How large a source of callbacks is: as it said when it was asked last. Thread-safe.
+class CallerSize {
+ public:
+  template <typename Io>
+  explicit CallerSize(const Io& io) : user_(io.user), ask_(io.current_size), bytes_(io.size) {
+    if (ask_ != nullptr) bytes_ = ask_(user_);
+  }
+  std::uint64_t bytes() const { return bytes_; }
+  bool may_grow() const { return ask_ != nullptr; }
+  ByteSource::Change refresh(std::uint64_t kept);
+
+ private:
+  void* user_;
+  std::uint64_t (*ask_)(void*);
+  std::atomic<std::uint64_t> bytes_;
+};
 
 // A source of callbacks. Both hold it open: what is left of it is closed by the last that goes.
 struct CallerSource {

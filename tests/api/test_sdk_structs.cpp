@@ -139,6 +139,8 @@ TEST_CASE("structs of older and newer programs are taken, and written as far as 
   given("stgs_player_statistics", stgs_player_statistics{}, [&](stgs_player_statistics* now) {
     return stgs_player_get_statistics(on.player.get(), now);
   });
+  given("stgs_player_live", stgs_player_live{},
+        [&](stgs_player_live* live) { return stgs_player_get_live(on.player.get(), live); });
   (void)take_events(on.player.get());
   given("stgs_player_event", stgs_player_event{},
         [&](stgs_player_event* event) { return stgs_player_next_event(on.player.get(), event); });

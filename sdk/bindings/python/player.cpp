@@ -13,8 +13,9 @@ namespace {
 // Index: stgs_player_state.
 constexpr std::array kStates = {"closed", "opening", "paused", "playing", "buffering", "ended"};
 // Index: stgs_event_kind.
-constexpr std::array kEvents = {"none",  "opened", "failed", "buffering", "resumed", "looped",
-                                "ended", "layers", "retry",  "lost",      "damaged", "replaced"};
+constexpr std::array kEvents = {"none",    "opened",   "failed",  "buffering", "resumed",
+                                "looped",  "ended",    "layers",  "retry",     "lost",
+                                "damaged", "replaced", "stalled", "skipped",   "finished"};
 
 template <typename Names>
 const char* name_of(const Names& names, std::int32_t index) {
@@ -125,11 +126,21 @@ class Player {
     return out;
   }
 
+  stgs_player_live live() {
+    auto out = sized<stgs_player_live>();
+    run([&](stgs_player* p) { return stgs_player_get_live(p, &out); });
+    if (out.following != 0) rate_ = 1;  // whatever it was before
+    return out;
+  }
+
   void set_rate(double rate) {
     run([&](stgs_player* p) { return stgs_player_set_rate(p, rate); });
     rate_ = rate;
   }
-  double rate() const { return rate_; }
+  double rate() {
+    live();
+    return rate_;
+  }
   void set_loop(bool loop) {
     run([&](stgs_player* p) { return stgs_player_set_loop(p, loop ? 1 : 0); });
     loop_ = loop;
@@ -173,6 +184,11 @@ stgs_player_settings settings_of(const py::kwargs& given) {
   take("url_tries", &Settings::url_tries);
   take("url_connect_seconds", &Settings::url_connect_seconds);
   take("url_stall_seconds", &Settings::url_stall_seconds);
+  take("live_follow", &Settings::live_follow);
+  take("live_behind_seconds", &Settings::live_behind_seconds);
+  take("live_poll_seconds", &Settings::live_poll_seconds);
+  take("live_stall_seconds", &Settings::live_stall_seconds);
+  take("live_skip_seconds", &Settings::live_skip_seconds);
   if (known != given.size()) throw py::type_error("a player has no such setting");
   return out;
 }
@@ -201,6 +217,13 @@ void declare_told(py::module_& module) {
                                return e.event.offset;
                              })
       .def_readonly("message", &Event::message);
+  using Live = stgs_player_live;
+  py::class_<Live>(module, "PlayerLive", "Where play is in a recording; see stgs_player_live.")
+      .def_property_readonly("growing", [](const Live& l) { return l.growing != 0; })
+      .def_property_readonly("following", [](const Live& l) { return l.following != 0; })
+      .def_readonly("edge_seconds", &Live::edge_seconds)
+      .def_readonly("behind_seconds", &Live::behind_seconds)
+      .def_readonly("wanted_seconds", &Live::wanted_seconds);
   using Statistics = stgs_player_statistics;
   py::class_<Statistics>(module, "PlayerStatistics", "See stgs_player_statistics.")
       .def_readonly("bytes_per_second", &Statistics::bytes_per_second)
@@ -249,6 +272,8 @@ void declare_player(py::module_& module) {
                              "The Scene, for its info and for drawing, once the file is open.")
       .def_property_readonly("buffered", &Player::buffered,
                              "Where play does not have to wait: (begin, end) in seconds.")
+      .def("go_live", calling(stgs_player_go_live), "To the edge of a recording that grows.")
+      .def_property_readonly("live", &Player::live)
       .def_property_readonly("statistics", &Player::statistics);
 }
 

@@ -294,6 +294,13 @@ class Player {
   void set_rate(double rate) { check(stgs_player_set_rate(get(), rate), get()); }
   void set_loop(bool loop) { check(stgs_player_set_loop(get(), loop ? 1 : 0), get()); }
 
+  void go_live() { check(stgs_player_go_live(get()), get()); }
+  stgs_player_live live() const {
+    auto live = detail::sized<stgs_player_live>();
+    check(stgs_player_get_live(get(), &live), get());
+    return live;
+  }
+
   stgs_player_status update(double now) {
     auto status = detail::sized<stgs_player_status>();
     check(stgs_player_update(get(), now, &status), get());

@@ -32,7 +32,7 @@ typedef struct stgs_player_settings {
   size_t struct_size;
   uint64_t memory_budget;  /* bytes of what is fetched and decoded: what is needed last makes room,
                             * and what finds none is left out; default 4 GiB, at least 1 MiB */
-  uint64_t max_file_bytes; /* default 2^63 - 1 */
+  uint64_t max_file_bytes; /* of the file when it is opened; default 2^63 - 1 */
   uint64_t max_primitives; /* of the whole file; default 200 million */
   uint64_t max_memory;     /* bytes of the file's index, and of decoding a segment; default 4 GiB,
                             * at least 1 MiB */
@@ -50,6 +50,13 @@ typedef struct stgs_player_settings {
    * the library's threads. */
   const stgs_task_runner* task_runner;
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
+  /* Of a recording that is still being made, see stgs_player_get_live(). */
+  int32_t live_follow;        /* 1 (default): it is followed; 0: what is recorded is a clip */
+  double live_behind_seconds; /* behind its edge, or further where its stretches ask for that; 0:
+                               * as near as they let it be; default 1 */
+  double live_poll_seconds;   /* between looks for more, when it is due; default 0.05 */
+  double live_stall_seconds;  /* without more, then STGS_EVENT_STALLED; default 5 */
+  double live_skip_seconds;   /* further behind than it is to be, the moment jumps; default 3 */
 } stgs_player_settings;
 
 /* `struct_size` is sizeof(*settings). */
@@ -91,7 +98,7 @@ typedef struct stgs_read stgs_read;
 typedef struct stgs_async_io {
   size_t struct_size;
   void* user;
-  uint64_t size; /* bytes */
+  uint64_t size; /* bytes, or as many as current_size says */
   /* Begins to fill `out` with the bytes [offset, offset + bytes), which lie within `size`, and
    * returns. Then stgs_read_complete is called once, by any thread, also before `begin` returns;
    * until then `out` may be written to. Called by several threads at once, which are the player's.
@@ -103,6 +110,8 @@ typedef struct stgs_async_io {
   /* Called once when nothing is read any more, after the last read has been completed, which may be
    * after stgs_player_destroy, and then by the thread that completes it. NULL: nothing to do. */
   void (*close)(void* user);
+  /* As stgs_io's: it answers at once. */
+  uint64_t (*current_size)(void* user);
 } stgs_async_io;
 
 /* The struct is copied; io->close is called as of stgs_player_open_io, but see there. */
@@ -134,6 +143,30 @@ STGS_API stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame)
 STGS_API stgs_result stgs_player_set_rate(stgs_player* player, double rate);
 /* 1: after the end the beginning follows. 0 until it is set. */
 STGS_API stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop);
+
+/* --- Live: a file that is still being recorded, of a path, a URL, or a source with current_size.
+ * It is opened near its edge, the end of what is recorded, and followed: play keeps its distance,
+ * up to a tenth faster or slower where it has lost it, and jumps where it has lost more than
+ * live_skip_seconds (STGS_EVENT_SKIPPED). Where there is no more to show, it stands still as for
+ * what has not come. To pause, to seek to an earlier moment, and another rate than 1 end that, and
+ * all that is recorded can be played; play that reaches the edge follows it again. When the
+ * recording is closed (STGS_EVENT_FINISHED), it is a clip like any other. --- */
+
+typedef struct stgs_player_live {
+  size_t struct_size;
+  int32_t growing;       /* 1: more is expected. 0: there is an end, and the rest is 0 */
+  int32_t following;     /* 1: play keeps to the edge */
+  double edge_seconds;   /* the end of what is recorded, as far as is known */
+  double behind_seconds; /* how far the moment is behind the edge, which is taken to move on
+                          * steadily between what comes: what a viewer is late by */
+  double wanted_seconds; /* how far it is to be */
+} stgs_player_live;
+
+/* As of the last update; all 0 before the file is open. live->struct_size is set by the caller. */
+STGS_API stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live* live);
+/* To the edge, at rate 1; the next update is there, and play follows it. Nothing happens where
+ * nothing more is expected. STGS_ERROR_STATE before the file is open. */
+STGS_API stgs_result stgs_player_go_live(stgs_player* player);
 
 typedef int32_t stgs_player_state;
 enum {
@@ -175,14 +208,19 @@ enum {
   STGS_EVENT_RETRY = 8,    /* a transfer from a URL failed and is tried again */
   STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later */
   STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it */
-  STGS_EVENT_REPLACED = 11 /* the file at the URL is another one now: what has not come will not.
-                            * Destroy the player and open the file with another */
+  /* The file is another one now, or has lost what it had: what has not come will not as long as it
+   * is so. To see what it is, destroy the player and open it with another. */
+  STGS_EVENT_REPLACED = 11,
+  STGS_EVENT_STALLED = 12, /* nothing has been added to a recording for live_stall_seconds; it is
+                            * looked for further */
+  STGS_EVENT_SKIPPED = 13, /* the moment was too far behind a recording's edge, and has jumped */
+  STGS_EVENT_FINISHED = 14 /* a recording is closed: nothing more comes */
 };
 
 typedef struct stgs_player_event {
   size_t struct_size;
   stgs_event_kind kind;
-  stgs_result result;  /* of _FAILED, _RETRY, _LOST, _DAMAGED and _REPLACED, else STGS_OK */
+  stgs_result result;  /* of _FAILED, _RETRY, _LOST, _DAMAGED, _REPLACED, _STALLED, else STGS_OK */
   double seconds;      /* the moment of the clip */
   uint64_t offset;     /* of those: byte of the file; STGS_NO_OFFSET: not known */
   int32_t layers;      /* of _LAYERS */

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+// The C interface's player follows a recording.
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+
+#include "sdk_player_fixture.h"
+#include "stretch_fixture.h"
+
+namespace stgs::testing {
+namespace {
+
+constexpr double kFrame = 1.0 / 30, kStretch = kStretchFrames * kFrame;
+constexpr std::uint32_t kStretches = 9;
+
+struct Recording {
+  std::vector<std::uint8_t> bytes;
+  std::vector<std::size_t> ends;  // [i]: when i stretches were complete
+};
+
+const Recording& recording() {
+  static const Recording made = [] {
+    const std::string path =
+        (std::filesystem::temp_directory_path() / "stgs_test_sdk_live_made.stgs").string();
+    std::filesystem::remove(path);
+    auto recorder = SceneRecorder::create(path, recording_metadata(), 1,
+                                          recording_settings(Profile::kQuantised));
+    REQUIRE(recorder.ok());
+    Recording out;
+    out.ends.push_back((*recorder)->bytes());
+    for (std::uint32_t i = 0; i < kStretches; ++i) {
+      REQUIRE((*recorder)->append(stretch(i), (i + 1) * kStretchFrames).ok());
+      out.ends.push_back((*recorder)->bytes());
+    }
+    REQUIRE((*recorder)->close().ok());
+    std::ifstream file(path, std::ios::binary);
+    out.bytes.assign(std::istreambuf_iterator<char>(file), {});
+    std::filesystem::remove(path);
+    return out;
+  }();
+  return made;
+}
+
+// As much of the recording as there is: in a file, or for callbacks.
+class GrowingFile {
+ public:
+  explicit GrowingFile(std::size_t size) { grow(size); }
+  ~GrowingFile() { std::filesystem::remove(path_); }
+
+  void grow(std::size_t size) {
+    std::ofstream(path_, std::ios::binary | std::ios::app)
+        .write(reinterpret_cast<const char*>(recording().bytes.data() + size_),
+               static_cast<std::streamsize>(size - size_));
+    size_ = size;
+  }
+  const std::string& path() const { return path_; }
+  stgs_io io() {
+    stgs_io io{};
+    io.struct_size = sizeof io;
+    io.user = this;
+    io.read = [](void*, std::uint64_t offset, void* out, std::size_t bytes) {
+      std::memcpy(out, recording().bytes.data() + offset, bytes);
+      return 0;
+    };
+    io.current_size = size_of;
+    return io;
+  }
+  stgs_async_io async_io() {
+    stgs_async_io io{};
+    io.struct_size = sizeof io;
+    io.user = this;
+    io.begin = [](void*, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
+      std::memcpy(out, recording().bytes.data() + offset, bytes);
+      stgs_read_complete(read, 0);
+    };
+    io.current_size = size_of;
+    return io;
+  }
+
+ private:
+  static std::uint64_t size_of(void* user) { return static_cast<GrowingFile*>(user)->size_; }
+
+  std::string path_ = (std::filesystem::temp_directory_path() / "stgs_test_sdk_live.stgs").string();
+  std::atomic<std::size_t> size_ = 0;
+};
+
+stgs_player_live live_of(stgs_player* player) {
+  stgs_player_live live{};
+  live.struct_size = sizeof live;
+  REQUIRE(stgs_player_get_live(player, &live) == STGS_OK);
+  return live;
+}
+
+}  // namespace
+
+TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
+  std::filesystem::remove(std::filesystem::temp_directory_path() / "stgs_test_sdk_live.stgs");
+  GrowingFile file(recording().ends[5]);
+  stgs_player_settings settings = player_settings();
+  settings.live_behind_seconds = 0.5;
+  settings.live_poll_seconds = 0.002;
+  settings.live_stall_seconds = 0.1;
+  const PlayerPtr owned = make_player(&settings);
+  stgs_player* const player = owned.get();
+  CHECK(stgs_player_go_live(player) == STGS_ERROR_STATE);
+  CHECK(live_of(player).growing == 0);
+  SECTION("a path") {
+    REQUIRE(stgs_player_open(player, file.path().c_str()) == STGS_OK);
+  }
+  SECTION("callbacks") {
+    const stgs_io io = file.io();
+    REQUIRE(stgs_player_open_io(player, &io) == STGS_OK);
+  }
+  SECTION("callbacks that answer later") {
+    const stgs_async_io io = file.async_io();
+    REQUIRE(stgs_player_open_async_io(player, &io) == STGS_OK);
+  }
+  REQUIRE(stgs_player_play(player) == STGS_OK);
+  REQUIRE(stgs_player_wait_open(player) == STGS_OK);
+  const auto plays = [](const stgs_player_status& s) { return s.state == STGS_PLAYER_PLAYING; };
+  REQUIRE(update_until(player, 10, plays));
+  stgs_player_live live = live_of(player);
+  CHECK(live.growing == 1);
+  CHECK(live.following == 1);
+  CHECK(live.edge_seconds == Approx(5 * kStretch));
+  CHECK(live.behind_seconds == Approx(0.5).margin(kFrame));
+  CHECK(live.wanted_seconds == Approx(0.5));
+  file.grow(recording().ends[8]);
+  REQUIRE(update_until(player, 10, [&](const stgs_player_status&) {
+    return live_of(player).edge_seconds > 7.9 * kStretch;
+  }));
+  REQUIRE(stgs_player_pause(player) == STGS_OK);
+  CHECK(live_of(player).following == 0);
+  REQUIRE(stgs_player_seek(player, 0.1) == STGS_OK);
+  REQUIRE(settle(player, 10));
+  REQUIRE(stgs_player_go_live(player) == STGS_OK);
+  update(player, 10);
+  CHECK(live_of(player).following == 1);
+  CHECK(live_of(player).behind_seconds == Approx(0.5).margin(kFrame));
+  std::vector<KeptEvent> events;
+  const auto told = [&](stgs_event_kind kind) {
+    return wait_until([&] {
+      update(player, 10);
+      for (KeptEvent& event : take_events(player)) events.push_back(std::move(event));
+      return std::any_of(events.begin(), events.end(),
+                         [&](const KeptEvent& event) { return event.event.kind == kind; });
+    });
+  };
+  REQUIRE(told(STGS_EVENT_STALLED));
+  file.grow(recording().bytes.size());
+  REQUIRE(told(STGS_EVENT_FINISHED));
+  CHECK(live_of(player).growing == 0);
+  CHECK(live_of(player).edge_seconds == 0);
+  CHECK(stgs_player_go_live(player) == STGS_OK);
+}
+
+TEST_CASE("a recording can be played as the clip that it is so far", "[sdk]") {
+  std::filesystem::remove(std::filesystem::temp_directory_path() / "stgs_test_sdk_live.stgs");
+  const GrowingFile file(recording().ends[5]);
+  stgs_player_settings settings = player_settings();
+  settings.live_skip_seconds = -1;
+  stgs_player* none = nullptr;
+  CHECK(stgs_player_create(&settings, &none) == STGS_ERROR_ARGUMENT);
+  settings.live_skip_seconds = 3;
+  settings.live_follow = 0;
+  const PlayerPtr player = make_player(&settings);
+  REQUIRE(stgs_player_open(player.get(), file.path().c_str()) == STGS_OK);
+  REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
+  CHECK(live_of(player.get()).growing == 0);
+  CHECK(update(player.get(), 0).seconds == 0);
+}
+
+}  // namespace stgs::testing
