@@ -78,7 +78,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   };
   Entry& entry = entries_[segment];
   if (!base.ok()) return lost({segment, false}, base);
-  entry.held = std::move(held);
+  hold(segment, std::move(held));
   entry.base.patience = 0;
   entry.with_harmonics = with_harmonics && harmonics.ok();
   if (!harmonics.ok()) return lost({segment, true}, harmonics);

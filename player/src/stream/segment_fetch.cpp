@@ -35,8 +35,7 @@ bool SegmentStore::wanted(const Piece& piece, double now) const {
   const PieceState& own = state(piece);
   if (own.at != At::kAway && !(own.at == At::kLost && now >= own.retry)) return false;
   if (piece.harmonics && entry.base.at != At::kHere && entry.base.at != At::kComing) return false;
-  // As far ahead as play asks for before it goes on.
-  return need_for(piece).from <= std::max(settings_.ahead_seconds, settings_.resume_seconds);
+  return need_for(piece).from <= farthest_ahead();
 }
 
 // Whether a piece can come before the last moment that it is for, as the link is; layer 0 always is
@@ -57,13 +56,41 @@ bool SegmentStore::is_waited_for(double now) const {
   });
 }
 
+// Pieces that the viewer comes to as far ahead as is fetched, and some around them, by their places
+// in the file.
+std::vector<std::size_t> SegmentStore::pieces_ahead() const {
+  constexpr double kAround = 1;  // ticks: which are near enough is asked of each
+  const double speed = std::abs(motion_.ticks_per_second);
+  const double ahead = farthest_ahead() * speed, at = motion_.ticks, end = motion_.duration;
+  const bool back = motion_.ticks_per_second < 0;
+  std::vector<std::uint32_t> near =
+      back ? reader_->segments_between(at - ahead - kAround, at + kAround)
+           : reader_->segments_between(at - kAround, at + ahead + kAround);
+  if (const double round = back ? end + at - ahead : at + ahead - end; motion_.loop) {
+    const auto more = back ? reader_->segments_between(std::max(round, at) - kAround, end)
+                           : reader_->segments_between(0, std::min(round, at) + kAround);
+    near.insert(near.end(), more.begin(), more.end());
+  }
+  std::vector<std::size_t> out;
+  for (const std::uint32_t segment : near) {
+    for (const bool harmonics : {false, true}) {
+      if (piece_bytes({segment, harmonics}) > 0) out.push_back(place_of({segment, harmonics}));
+    }
+  }
+  // In this order the first of those that are alike is taken; what is near both ways is here twice.
+  std::sort(out.begin(), out.end());
+  out.erase(std::unique(out.begin(), out.end()), out.end());
+  return out;
+}
+
 // The most urgent piece. While the viewer waits for one, nothing else takes bandwidth from it. What
 // comes too late is tried only where nothing else is under way: the link may have become better.
 std::optional<Piece> SegmentStore::next_piece(double now) const {
   const bool only_waited_for = is_waited_for(now);
   std::optional<Piece> best, late;
   double least = kForEver, least_late = kForEver;
-  for (const Piece& piece : in_file_) {
+  for (const std::size_t place : pieces_ahead()) {
+    const Piece& piece = in_file_[place];
     if (!wanted(piece, now)) continue;
     const double urgency = urgency_of(piece);
     if (only_waited_for && urgency > 0) continue;
@@ -122,7 +149,7 @@ void SegmentStore::extend(Run& run, double urgency, double now) {
   const Piece first = run.pieces[0].piece;
   const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_patience_seconds;
   const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
-  std::size_t at = places_[2 * std::size_t{first.segment} + (first.harmonics ? 1 : 0)];
+  std::size_t at = place_of(first);
   while (++at < in_file_.size()) {
     const Piece& piece = in_file_[at];
     const std::uint64_t end = run.offset + run.bytes, begin = piece_offset(piece);

@@ -72,7 +72,7 @@ void SegmentStore::forget_segments() {
   in_file_.clear();
   places_.clear();
   losses_.clear();
-  memory_ = 0;
+  memory_ = stored_primitives_ = 0;
   full_from_ = kForEver;
   ++generation_;
 }
@@ -230,9 +230,7 @@ StreamStatistics SegmentStore::statistics() const {
   out.bytes_per_second = throughput_.bytes_per_second();
   out.fetched_bytes = fetched_bytes_;
   out.memory_bytes = memory_;
-  for (const Entry& entry : entries_) {
-    if (entry.held != nullptr) out.stored_primitives += entry.held->set.size();
-  }
+  out.stored_primitives = stored_primitives_;
   return out;
 }
 
@@ -286,6 +284,13 @@ void SegmentStore::count(const Piece& piece, std::uint64_t memory) {
   own.memory = memory;
 }
 
+void SegmentStore::hold(std::uint32_t segment, std::shared_ptr<const HeldSegment> held) {
+  std::shared_ptr<const HeldSegment>& own = entries_[segment].held;
+  if (own != nullptr) stored_primitives_ -= own->set.size();
+  own = std::move(held);
+  if (own != nullptr) stored_primitives_ += own->set.size();
+}
+
 // What a piece leaves when it is not here any more.
 void SegmentStore::release(const Piece& piece, At at) {
   source_->drop(piece_offset(piece));
@@ -325,7 +330,7 @@ void SegmentStore::drop(std::uint32_t segment) {
     const Piece piece{segment, harmonics};
     if (piece_bytes(piece) > 0 && state(piece).at == At::kHere) release(piece, At::kAway);
   }
-  entry.held = nullptr;
+  hold(segment, nullptr);
   entry.with_harmonics = false;
 }
 

@@ -2,6 +2,7 @@
 // Fetches and decodes, ahead of a viewer, what he is about to see, within a budget of memory.
 #pragma once
 
+#include <algorithm>
 #include <condition_variable>
 #include <limits>
 #include <list>
@@ -116,6 +117,7 @@ class SegmentStore {
   void start_threads();
   void run_thread(void (SegmentStore::*work)());
   void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
+  void hold(std::uint32_t segment, std::shared_ptr<const HeldSegment> held);
   void release(const Piece& piece, At at);
   bool can_drop(std::uint32_t segment) const;
   bool make_room(std::uint64_t bytes, double urgency);
@@ -124,6 +126,14 @@ class SegmentStore {
 
   // segment_fetch.cpp
   void fetch_pieces();
+  // Seconds: what is needed later is not fetched yet. As far as play asks for before it goes on.
+  double farthest_ahead() const {
+    return std::max(settings_.ahead_seconds, settings_.resume_seconds);
+  }
+  std::size_t place_of(const Piece& piece) const {
+    return places_[2 * std::size_t{piece.segment} + (piece.harmonics ? 1 : 0)];
+  }
+  std::vector<std::size_t> pieces_ahead() const;
   bool wanted(const Piece& piece, double now) const;
   bool in_time(const Piece& piece) const;
   bool is_waited_for(double now) const;
@@ -166,7 +176,7 @@ class SegmentStore {
   // Nothing as urgent as this or later found room when nothing was under way.
   double full_from_ = std::numeric_limits<double>::infinity();
   Throughput throughput_;
-  std::uint64_t fetched_bytes_ = 0;
+  std::uint64_t fetched_bytes_ = 0, stored_primitives_ = 0;
   std::vector<PlayerEvent> events_;
   std::vector<Loss> losses_;
   std::vector<std::thread> threads_;
