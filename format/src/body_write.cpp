@@ -95,9 +95,9 @@ double mean_importance(const std::vector<std::uint32_t>& members,
 struct Piece {
   SegmentMembers segment;
   int importance = 0;  // tier by importance
-  int kind = 0;        // level, or kConstant
+  int kind = 0;        // level, kConstant, or kNear less a distance
 };
-constexpr int kConstant = -2;
+constexpr int kConstant = -2, kNear = -2;
 
 // What is seen alike at all moments of the interval and stands still; see
 // Quantiser::snap_lifespans.
@@ -107,20 +107,44 @@ bool is_constant(const Gaussians4D& set, std::uint32_t i, const Interval& interv
          2.0 * set.radius[i] >= interval.end - interval.begin;
 }
 
+// What lies or moves so far out that the others would have coarser steps with it: takes it out of a
+// tier.
+std::vector<Piece> far_pieces_of(Place place, const Encoding& encoding, Tier& tier) {
+  std::map<int, std::vector<std::uint32_t>> by_distance;
+  for (const std::uint32_t i : tier.members) {
+    by_distance[encoding.quantiser->distance_of(*encoding.set, i)].push_back(i);
+  }
+  tier.members = std::move(by_distance[0]);
+  by_distance.erase(0);
+  std::vector<Piece> out;
+  for (auto& [distance, members] : by_distance) {
+    out.push_back({{place, std::move(members)}, tier.importance, kNear - distance});
+  }
+  return out;
+}
+
 // A tier whose constant primitives, if they are many and not stored as floats, come apart from the
-// others: all their lives are one symbol then.
+// others: all their lives are one symbol then. What lies far out comes last.
 std::vector<Piece> pieces_of(Place place, Tier tier, const Encoding& encoding,
                              const Interval& interval) {
+  if (encoding.quantiser == nullptr) {
+    return {{{place, std::move(tier.members)}, tier.importance, place.level}};
+  }
+  std::vector<Piece> far = far_pieces_of(place, encoding, tier);
   Piece constant{{place, {}}, tier.importance, kConstant};
   Piece other{{place, {}}, tier.importance, place.level};
   for (const std::uint32_t i : tier.members) {
-    const bool apart = encoding.quantiser != nullptr && is_constant(*encoding.set, i, interval);
+    const bool apart = is_constant(*encoding.set, i, interval);
     (apart ? constant : other).segment.members.push_back(i);
   }
-  if (constant.segment.members.size() < kLeastTier || other.segment.members.size() < kLeastTier) {
-    return {{{place, std::move(tier.members)}, tier.importance, place.level}};
+  std::vector<Piece> out;
+  if (constant.segment.members.size() >= kLeastTier && other.segment.members.size() >= kLeastTier) {
+    out = {std::move(constant), std::move(other)};
+  } else if (!tier.members.empty()) {
+    out = {{{place, std::move(tier.members)}, tier.importance, place.level}};
   }
-  return {std::move(constant), std::move(other)};
+  for (Piece& piece : far) out.push_back(std::move(piece));
+  return out;
 }
 
 // All segments of all parts, tier after tier.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "axis_turns.h"
@@ -34,11 +35,25 @@ constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
 // Of a displacement in steps, whose product with a multiplier stays below 2^23.
 constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
+constexpr double kOutlier = 16.0;         // times what nine tenths do, that is far out
+constexpr double kDistanceOctaves = 4.0;  // of what lies far out and shares a layout
+constexpr int kMostDistances = 12;        // so that a segment's records have numbers (spec 5.7)
+// Importance by size is bounded by this many times what nine tenths have: a dome of a sky covers a
+// million times what a splat does, and would leave no steps for the mean.
+constexpr float kMostImportance = 64.0f;
 constexpr double kLeastRotation = -12.0, kMostRotation = -2.5;
 
 // The least power of two in which numbers up to `largest` fit `bits` bits.
 Step step_for(double largest, int bits) {
   return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kLeastExponent);
+}
+
+// The value that so many hundredths of others lie below; 0 of none.
+float percentile(std::vector<float> values, std::size_t hundredths) {
+  if (values.empty()) return 0.0f;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * hundredths / 100);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
 }
 
 struct Extent {
@@ -67,18 +82,35 @@ Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* membe
   return out;
 }
 
+// By axis, so that what lies far out does not move it.
+std::array<float, 3> median_of(const Gaussians4D& set) {
+  std::array<float, 3> out{};
+  std::vector<float> line(set.size());
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < line.size(); ++i) line[i] = set.position[3 * i + axis];
+    out[axis] = percentile(line, 50);
+  }
+  return out;
+}
+
+// From a place, along the axis along which it is farthest; scene units.
+double distance_from(const std::array<float, 3>& place, const Gaussians4D& set, std::size_t i) {
+  double out = 0.0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    out = std::max(out, std::abs(double{set.position[3 * i + axis]} - place[axis]));
+  }
+  return out;
+}
+
 // The size that a position's error is measured against: a primitive smaller than three quarters of
 // the set, as the mean of its log-scales.
 double typical_log_scale(const Gaussians4D& set) {
-  if (set.size() == 0) return 0.0;
   std::vector<float> sizes(set.size());
   for (std::size_t i = 0; i < sizes.size(); ++i) {
     const float* s = set.log_scale.data() + 3 * i;
     sizes[i] = (s[0] + s[1] + s[2]) / 3.0f;
   }
-  const auto quarter = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 4);
-  std::nth_element(sizes.begin(), quarter, sizes.end());
-  return *quarter;
+  return percentile(std::move(sizes), 25);
 }
 
 Integers begin(Attribute attribute, Mapping mapping, Step step, int components, std::size_t n) {
@@ -222,16 +254,19 @@ Integers position(const Gaussians4D& part, const GroupSteps& steps,
 }
 
 // The greatest displacement of a component over a lifespan, scene units (spec 7.5.4).
+double way_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
+  double out = 0.0;
+  const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
+  for (std::size_t c = 0; c < 3; ++c) {
+    out = std::max(out, std::ldexp(std::abs(double{set.velocity[3 * i + c]}), life));
+  }
+  return out;
+}
+
 double farthest_way(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                     float part_ticks) {
   double out = 0.0;
-  for (const std::uint32_t i : members) {
-    const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
-    for (std::size_t c = 0; c < 3; ++c) {
-      const double u = set.velocity[3 * std::size_t{i} + c];
-      out = std::max(out, std::ldexp(std::abs(u), life));
-    }
-  }
+  for (const std::uint32_t i : members) out = std::max(out, way_of(set, i, part_ticks));
   return out;
 }
 
@@ -247,6 +282,17 @@ double mean_of(std::span<const float> values) {
   return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
 }
 
+// So many times what nine tenths of the set do not exceed, of measure(i).
+template <typename Measure>
+double outlier_bound(const Gaussians4D& set, const Measure& measure) {
+  std::vector<float> values(set.size());
+  constexpr double kMost = std::numeric_limits<float>::max();
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    values[i] = static_cast<float>(std::min(measure(i), kMost));
+  }
+  return kOutlier * percentile(std::move(values), 90);
+}
+
 }  // namespace
 
 Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
@@ -258,7 +304,6 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   coarser_ = octaves_coarser(quality);
   importance_ = mean_of(importance);
   const double size = typical_log_scale(set) / std::log(2.0);
-  coarsest_position_ = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
   // Measured at equal loss; where importance is a guess, colour is worth less against place.
   steps_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
   steps_.displacement = steps_.position + 1.0;
@@ -269,6 +314,14 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   steps_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
   double still = std::exp2(steps_.displacement + coarser_);
   if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
+  // As far as steps reach, importance asking for finer ones by an octave; and where most are.
+  middle_ = median_of(set);
+  const Step place = bounded(steps_.position + coarser_, kPositionShare, kCoarseSteps);
+  near_ = std::max(std::ldexp(size_of(place), kMortonBits - 2),
+                   outlier_bound(set, [&](auto i) { return distance_from(middle_, set, i); }));
+  const Step way = bounded(steps_.displacement + coarser_, kDisplacementShare, kFineSteps);
+  near_way_ = std::max(std::ldexp(size_of(way), kFineDisplacementBits - 1),
+                       outlier_bound(set, [&](auto i) { return way_of(set, i, longest_part_); }));
   lifespans_.emplace(
       longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
       std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
@@ -297,6 +350,13 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
     for (std::uint32_t i = part.first; i < part.last; ++i) lifespans_->snap(part.interval, i, out);
   }
   return out;
+}
+
+int Quantiser::distance_of(const Gaussians4D& set, std::size_t i) const {
+  const double farther =
+      std::max(distance_from(middle_, set, i) / near_, way_of(set, i, longest_part_) / near_way_);
+  if (farther <= 1.0) return 0;
+  return std::min(1 + static_cast<int>(std::log2(farther) / kDistanceOctaves), kMostDistances);
 }
 
 GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
@@ -346,19 +406,25 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   return out;
 }
 
-float Quantiser::position_step() const {
+float Quantiser::position_step(const Gaussians4D& set) const {
+  const Step widest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
   const double coarsest = std::ceil(steps_.position + coarser_ + kMostOctaves);
-  return static_cast<float>(size_of(coarser_of(power_above(coarsest), coarsest_position_)));
+  return static_cast<float>(size_of(coarser_of(power_above(coarsest), widest)));
 }
 
 std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {
   std::vector<float> out(set.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     const float* s = set.log_scale.data() + 3 * i;
-    const float area = std::exp(s[0] + s[1] + s[2] - std::min({s[0], s[1], s[2]}));
+    const float area = std::min(std::exp(s[0] + s[1] + s[2] - std::min({s[0], s[1], s[2]})),
+                                std::numeric_limits<float>::max());
     const float opacity = math::opacity_of(set.opacity_logit[i]);
     const float span = set.radius[i] + set.sigma[i];
     out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(ticks));
+  }
+  const float most = kMostImportance * percentile(out, 90);
+  if (most > 0.0f) {
+    for (float& x : out) x = std::min(x, most);
   }
   return out;
 }

@@ -2,6 +2,7 @@
 // The quantised profile's choices: what step each attribute gets, and the integers (spec 8).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -47,6 +48,10 @@ class Quantiser {
 
   // The set with time, sigma, radius and opacity as a decoder will see them (lifespans.h).
   Gaussians4D snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts) const;
+  // 0 for a primitive near the middle of the set that does not go far, whose numbers have the steps
+  // that its quality asks for; else how many times 16 times farther one lies or goes: what is so
+  // far out takes a layout of its own, so that the others keep their steps.
+  int distance_of(const Gaussians4D& set, std::size_t i) const;
   // For those primitives of `set` that share a layout; `importance` is their mean: the less, the
   // coarser.
   GroupSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
@@ -57,8 +62,8 @@ class Quantiser {
   std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
                                  double segment_begin, float part_ticks,
                                  std::vector<std::uint32_t>& order) const;
-  // Largest step of a position, scene units.
-  float position_step() const;
+  // Largest step of a position of a set whose lifespans are snapped, scene units.
+  float position_step(const Gaussians4D& set) const;
 
  private:
   // Near 2^octaves, and not more than this share of the bound.
@@ -72,13 +77,15 @@ class Quantiser {
   double max_error_ = 0;    // scene units; 0: no bound
   // Of importance in a step, and in that of a position.
   double power_ = 0, position_power_ = 0;
-  double coarser_ = 0;      // octaves, of the quality
-  double importance_ = 0;   // mean over the set
-  Step coarsest_position_;  // that the whole set's extent needs
+  double coarser_ = 0;              // octaves, of the quality
+  double importance_ = 0;           // mean over the set
+  std::array<float, 3> middle_{};   // of the set, scene units
+  double near_ = 0, near_way_ = 0;  // scene units: from the middle, and over a lifespan
 };
 
 // What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area
-// that the primitive covers times the share of the time, of which all is `ticks`.
+// that the primitive covers times the share of the time, of which all is `ticks`. What covers very
+// much more than nearly all others counts less.
 std::vector<float> importance_by_size(const Gaussians4D& set, double ticks);
 
 }  // namespace stgs

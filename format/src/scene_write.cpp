@@ -127,8 +127,12 @@ Status check_values(const Scene& scene) {
 Status check_extent(const Gaussians4D& set) {
   for (std::size_t i = 0; i < set.position.size(); ++i) {
     if (std::abs(set.position[i]) <= kFarthest) continue;
-    return usage_error("position of primitive {} is {}: only the lossless profile holds it", i / 3,
-                       set.position[i]);
+    const float* x = set.position.data() + i / 3 * 3;
+    return unsupported(
+        "a primitive lies at ({:g}, {:g}, {:g}), and steps reach no farther than {:g}: cut it "
+        "away, "
+        "or keep the scene lossless",
+        x[0], x[1], x[2], kFarthest);
   }
   return {};
 }
@@ -251,7 +255,8 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   }
   encoding.chunk_ticks = chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts);
-  set_bounds(*encoding.set, quantiser ? quantiser->position_step() : 0.0f, out.metadata.scene);
+  set_bounds(*encoding.set, quantiser ? quantiser->position_step(snapped) : 0.0f,
+             out.metadata.scene);
   STGS_TRY(check_metadata(out.metadata));
   out.body = encode_body(encoding, parts);
   return out;

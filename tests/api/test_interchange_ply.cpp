@@ -161,6 +161,15 @@ TEST_CASE("PLY of ASCII, with properties in any order and of any type") {
   CHECK(set.sh == FloatArray{.1f, .2f, .3f});
   CHECK(set.log_scale == FloatArray{-1, -2, -3});
   CHECK(set.opacity_logit == FloatArray{2});
+  const auto odd = read_text(std::string(kAsciiHeader) +
+                             "7 8\n+2 .5 1e-400 0 1 +1.5 -3 +4e0 255 .1 .2 -1e-999 -1 -2 -3\n");
+  REQUIRE(odd.ok());
+  CHECK(odd->gaussians.position == FloatArray{1.5f, -3, 4});
+  CHECK(odd->gaussians.rotation == FloatArray{1, 0, 0, 0.5f});
+  CHECK(odd->gaussians.sh == FloatArray{.1f, .2f, 0});
+  const std::string rest = " .5 0 0 1 1.5 -3 4e0 255 .1 .2 .3 -1 -2 -3\n";
+  CHECK(read_text(std::string(kAsciiHeader) + "7 8\n1e400" + rest)->gaussians.size() == 0);
+  CHECK_FALSE(read_text(std::string(kAsciiHeader) + "7 8\n+-2" + rest).ok());
   const auto cut = read_text(std::string(kAsciiHeader) + "7 8\n2 .5 0 0 1 1.5 -3 4e0 255 .1 .2");
   CHECK(cut.status().code() == StatusCode::kInvalidFile);
 }

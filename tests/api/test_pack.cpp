@@ -236,6 +236,104 @@ TEST_CASE("a bound is kept within a bit rate, and the bound that can be kept is 
   }
 }
 
+TEST_CASE("the bound that cannot be kept is told with what does not keep it") {
+  const auto refused = [](const Scene& scene) {
+    const PackFixture files(scene);
+    encoder::PackSettings settings;
+    settings.max_error = 1;
+    const Status status = encoder::pack({files.in}, files.out, settings, nullptr);
+    CHECK(status.code() == StatusCode::kUnsupported);
+    return status.message();
+  };
+  Scene scene = random_scene(500, 0, 60, 40);
+  const Scene plain = scene;
+  scene.gaussians.velocity[3 * 77] = 1e6f;
+  scene.gaussians.opacity_logit[77] = 2.0f;
+  CHECK_THAT(refused(scene), Catch::Contains("moves 1e+06 units a frame"));
+  scene = plain;
+  for (const std::size_t i : {78, 79}) {  // far from the others, and from each other
+    scene.gaussians.position[3 * i] = i == 78 ? 1e6f : -1e6f;
+    scene.gaussians.opacity_logit[i] = 2.0f;
+  }
+  CHECK_THAT(refused(scene), Catch::Contains("positions of 21 bits") && Catch::Contains("e+06, "));
+}
+
+namespace {
+
+struct Errors {
+  double position = 0, colour = 0;  // rms
+};
+
+// Of the first `count` primitives, which stand still.
+Errors errors_of_first(std::size_t count, const Scene& scene) {
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  settings.quality = 87;
+  std::vector<std::uint32_t> order;
+  auto file = encode_scene(scene, settings, &order);
+  REQUIRE(file.ok());
+  const auto read = read_scene(memory_source(std::move(*file)));
+  REQUIRE(read.ok());
+  REQUIRE(order.size() == scene.gaussians.size());
+  Errors out;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (order[i] >= count) continue;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::size_t k = 3 * order[i] + c;
+      out.position +=
+          std::pow(read->gaussians.position[3 * i + c] - scene.gaussians.position[k], 2);
+      out.colour += std::pow(read->gaussians.sh[3 * i + c] - scene.gaussians.sh[k], 2);
+    }
+  }
+  const auto n = static_cast<double>(count);
+  return {std::sqrt(out.position / n), std::sqrt(out.colour / n)};
+}
+
+Scene still_scene() {
+  Scene scene = random_scene(3001, 0, 1, 41);
+  Gaussians4D& set = scene.gaussians;
+  set.velocity.assign(set.velocity.size(), 0.0f);
+  set.time.assign(set.size(), 0.5f);
+  set.sigma.assign(set.size(), 1.0f);
+  set.radius.assign(set.size(), 1.0f);
+  for (float& logit : set.opacity_logit) logit = std::max(logit, -4.0f);
+  return scene;
+}
+
+}  // namespace
+
+TEST_CASE("one primitive that is huge, or lies far out, leaves the others their steps") {
+  const Scene plain = still_scene();
+  const Errors own = errors_of_first(3000, plain);
+  for (const float size : {2.0f, 4.0f, 7.0f, 60.0f}) {
+    Scene scene = plain;
+    std::fill_n(&scene.gaussians.log_scale[3 * 3000], 3, size);
+    const Errors errors = errors_of_first(3000, scene);
+    INFO("log-scale " << size);
+    CHECK(errors.position < 1.15 * own.position);
+    CHECK(errors.colour < 1.2 * own.colour);
+  }
+  for (const float far : {1e4f, 1e5f, 1e6f, 1e20f}) {
+    Scene scene = plain;
+    scene.gaussians.position[3 * 3000] = far;
+    scene.gaussians.position[3 * 2999] = 3e4f;  // another distance
+    const Errors errors = errors_of_first(2999, scene);
+    INFO("at " << far);
+    CHECK(errors.position < 1.05 * own.position);
+    CHECK(errors.colour < 1.05 * own.colour);
+  }
+}
+
+TEST_CASE("what steps do not reach is refused with where it lies") {
+  Scene scene = still_scene();
+  scene.gaussians.position[3 * 5 + 1] = 1e30f;
+  WriteSettings settings;
+  settings.profile = Profile::kQuantised;
+  const auto file = encode_scene(scene, settings);
+  CHECK(file.status().code() == StatusCode::kUnsupported);
+  CHECK_THAT(file.status().message(), Catch::Contains(", 1e+30, "));
+}
+
 TEST_CASE("packing reports what it did to lifespans") {
   Scene scene = random_scene(500, 0, 60, 19);
   std::fill(scene.gaussians.opacity_logit.begin(), scene.gaussians.opacity_logit.end(), 3.0f);

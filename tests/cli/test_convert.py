@@ -74,6 +74,8 @@ class Converting(CliTest):
         self.assertEqual(self.json_of("info", "d.stgs")["profile"], "quantised")
         self.assertGreater(packed["errors"]["position_max"], 0)
         self.assertLess(packed["errors"]["position_max"], 0.03)
+        unpacked = self.json_of("convert", "d.stgs", "e.stgs")
+        self.assertEqual(unpacked["notes"], ["its scene was packed: what that lost stays lost"])
 
     def test_a_whole_scene_stays_whole(self):
         result = self.json_of("convert", self.fixture("tiny.stgs"), "copy.stgs")

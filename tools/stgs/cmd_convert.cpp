@@ -171,6 +171,10 @@ class Convert final : public Command {
             "nor a SOG model; name the file or folder that does",
             input_);
       }
+      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(input_));
+      if (work.to == nullptr && reader->profile() != Profile::kLossless) {
+        work.found.notes.push_back("its scene was packed: what that lost stays lost");
+      }
       STGS_ASSIGN(work.scene, read_sound_scene(input_, work.losses));
       STGS_ASSIGN(work.extras, scene_extras(input_));
     } else {

@@ -23,7 +23,7 @@ struct Packed {
 // Packs as the settings say: at their quality; or at the greatest, in steps of 1/8, that takes no
 // more than target_kbps; within max_error in each case. `go_on` is asked before each attempt, of
 // which a bit rate takes about ten. kUsage where no quality is small enough; kUnsupported where the
-// error cannot be kept, as positions have 21 bits over a scene.
+// error cannot be kept, as positions have 21 bits over what lies together, and motion 22.
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
                            const std::function<Status()>& go_on);
 

@@ -122,11 +122,14 @@ class NumberReader {
 
   bool next(float& value) {
     while (at_ < end_ && (*at_ == ' ' || *at_ == '\n' || *at_ == '\r' || *at_ == '\t')) ++at_;
+    if (end_ - at_ > 1 && *at_ == '+' && at_[1] != '-') ++at_;
     double wide = 0;
     const auto [after, error] = std::from_chars(at_, end_, wide);
-    // What no double can hold is no number: the primitive is left out, and told of.
+    // What is too small for a double is 0. What is too large is no number: the primitive is left
+    // out, and told of.
     if (error == std::errc::result_out_of_range) {
-      wide = std::numeric_limits<double>::quiet_NaN();
+      const bool small = std::find(at_ + 1, after, '-') != after;
+      wide = small ? 0.0 : std::numeric_limits<double>::quiet_NaN();
     } else if (error != std::errc()) {
       return false;
     }
