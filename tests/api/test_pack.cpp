@@ -250,6 +250,13 @@ TEST_CASE("the bound that cannot be kept is told with what does not keep it") {
   scene.gaussians.velocity[3 * 77] = 1e6f;
   scene.gaussians.opacity_logit[77] = 2.0f;
   CHECK_THAT(refused(scene), Catch::Contains("moves 1e+06 units a frame"));
+  scene = plain;  // it has come far when it is seen
+  scene.gaussians.position[3 * 77] = 1.0f;
+  std::fill_n(&scene.gaussians.velocity[3 * 77], 3, 0.5f);
+  scene.gaussians.time[77] = -1e5f;
+  scene.gaussians.radius[77] = 1e5f + 20;
+  scene.gaussians.opacity_logit[77] = 2.0f;
+  CHECK_THAT(refused(scene), Catch::Contains("primitive 77 at (50001, "));
   scene = plain;
   for (const std::size_t i : {78, 79}) {  // far from the others, and from each other
     scene.gaussians.position[3 * i] = i == 78 ? 1e6f : -1e6f;

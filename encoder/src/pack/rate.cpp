@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "stgs/format/differences.h"
+#include "stgs/format/math/lang.h"
 
 namespace stgs::encoder {
 namespace {
@@ -17,6 +18,7 @@ constexpr int kTighterBounds = 4;  // attempts at an error that the first bound 
 struct Farthest {
   double error = HUGE_VAL;  // scene units
   std::size_t primitive = 0;
+  math::Vec3 place{};      // at its T, as decoded
   bool by_motion = false;  // it lies where it was at its T
 };
 
@@ -42,7 +44,8 @@ void measure_positions(const Scene& scene, Packed& packed, Farthest& farthest) {
       largest = error;
       const std::size_t j = packed.order[i];
       const double place = place_error(scene.gaussians, j, decoded.gaussians, i);
-      farthest = {error, j, place < 0.5 * error};
+      const float* x = &decoded.gaussians.position[3 * i];
+      farthest = {error, j, {x[0], x[1], x[2]}, place < 0.5 * error};
     }
     squares += error * error;
   });
@@ -93,14 +96,13 @@ Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double 
 Status cannot_keep(const Scene& scene, const PackSettings& settings, const Farthest& least) {
   const double digits = std::pow(10.0, std::floor(std::log10(1000.0 * least.error)) - 2.0);
   const double best = std::ceil(1000.0 * least.error / digits) * digits;
-  const float* x = &scene.gaussians.position[3 * least.primitive];
   const float* u = &scene.gaussians.velocity[3 * least.primitive];
   const std::string cause =
       least.by_motion
           ? fmt::format("steps of what moves {:.3g} units a frame reach, as primitive {} does",
                         std::hypot(double{u[0]}, double{u[1]}, double{u[2]}), least.primitive)
           : fmt::format("positions of 21 bits reach, at primitive {} at ({:g}, {:g}, {:g})",
-                        least.primitive, x[0], x[1], x[2]);
+                        least.primitive, least.place.x, least.place.y, least.place.z);
   return unsupported(
       "primitives within {:g} thousandths of a scene unit are asked for, and {:.3g} is the best "
       "that {}: ask for that, or cut away what {}",
