@@ -85,13 +85,12 @@ Status find_static(State& state) {
     stills[0].push_back(
         {state.views[i], state.motion[i].background, state.motion[i].background_seen});
   }
-  // Moving things may be nearer than the background: whole frames count for the range too.
+  // Moving things may be nearer than the background: frame 0 counts whole for the range too.
   std::vector<std::vector<Still>> with_frames = stills;
-  for (const int frame : {0, state.capture.frames / 2}) {
-    if (frame > 0 || !state.settings.separate_motion) continue;
+  if (state.settings.separate_motion) {
     with_frames.emplace_back();
     for (const View& view : state.views) {
-      STGS_ASSIGN(const cv::Mat picture, load_picture(state.capture, view, frame));
+      STGS_ASSIGN(const cv::Mat picture, load_picture(state.capture, view, 0));
       with_frames.back().push_back({view, picture, {}});
     }
   }
