@@ -54,6 +54,11 @@ void PieceSource::recent(std::uint64_t offset, std::span<const std::uint8_t> byt
   if (recent_.size() > kRecent) recent_.pop_front();
 }
 
+void PieceSource::forget_recent() {
+  const std::lock_guard lock(mutex_);
+  while (recent_.size() > 1) recent_.pop_front();
+}
+
 void PieceSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
   auto shared =
       std::make_shared<const std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory_);

@@ -32,6 +32,8 @@ class PieceSource final : public ByteSource {
   Status fetch(std::uint64_t offset, std::span<std::uint8_t> out, bool& read) const;
   // Bytes that were read for something else, some 64 kB: the last few are kept.
   void recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);
+  // Keeps the last alone: those before are of what the file is no more.
+  void forget_recent();
   void put(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   void drop(std::uint64_t offset);
 

@@ -68,6 +68,7 @@ void SegmentStore::forget_segments() {
   for (const Piece& piece : in_file_) {
     if (state(piece).at == At::kHere) source_->drop(piece_offset(piece));
   }
+  source_->forget_recent();
   entries_.clear();
   in_file_.clear();
   places_.clear();
