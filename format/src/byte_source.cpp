@@ -94,7 +94,8 @@ Status check_range(const std::string& name, std::uint64_t size, std::uint64_t of
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // O_NONBLOCK: a pipe would be waited for until somebody writes to it. Files do not know of it.
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) return io_error("{}: cannot open: {}", path, system_message(errno));
   struct stat info {};
   if (::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {

@@ -111,7 +111,7 @@ class AsyncSource final : public ByteSource {
 }  // namespace
 
 CallerSource callback_source(const stgs_async_io& io) {
-  auto caller = std::make_shared<AsyncIo>(io);
+  auto caller = hold_caller<AsyncIo>(io);
   return {std::make_unique<AsyncSource>(caller), [caller] { caller->interrupt(); }};
 }
 

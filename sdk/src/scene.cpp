@@ -31,14 +31,17 @@ Outcome check_closed(const stgs_scene& scene) {
   return {STGS_ERROR_STATE, "the scene is open already: make another one"};
 }
 
+Outcome check_file_bytes(const stgs_scene& scene, const std::string& name, std::uint64_t bytes) {
+  if (bytes <= scene.settings.max_file_bytes) return {};
+  return {STGS_ERROR_LIMIT, fmt::format("{}: {} bytes, more than the limit of {}", name, bytes,
+                                        scene.settings.max_file_bytes)};
+}
+
 // Takes the source, whatever the outcome.
 Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source) {
   const stgs_scene_settings& settings = scene.settings;
-  if (source->size() > settings.max_file_bytes) {
-    return {STGS_ERROR_LIMIT, fmt::format("{}: {} bytes, more than the limit of {}", source->name(),
-                                          source->size(), settings.max_file_bytes)};
-  }
   const std::string name = source->name();
+  STGS_SDK_TRY(check_file_bytes(scene, name, source->size()));
   auto reader = stgs::SceneReader::open(
       std::move(source), {settings.max_primitives, settings.max_memory}, scene.memory.get());
   if (!reader.ok()) return reader.status();
@@ -161,6 +164,7 @@ stgs_result stgs_scene_open_memory(stgs_scene* scene, const void* data, size_t b
 stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, size_t bytes) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_memory_argument(*scene, data));
+    STGS_SDK_TRY(check_file_bytes(*scene, "memory", bytes));  // before there is a copy
     return open_source(*scene, stgs::sdk::copied_source(
                                    {static_cast<const std::uint8_t*>(data), bytes}, scene->memory));
   });
@@ -219,13 +223,13 @@ stgs_result stgs_scene_get_text(stgs_scene* scene, stgs_text which, const char**
     const stgs::SceneMetadata& metadata = scene->timeline->metadata();
     switch (which) {
       case STGS_TEXT_TITLE:
-        *out = metadata.title.c_str();
+        *out = scene->keep(metadata.title);
         return {};
       case STGS_TEXT_GENERATOR:
-        *out = metadata.generator.c_str();
+        *out = scene->keep(metadata.generator);
         return {};
       case STGS_TEXT_SOUND:
-        *out = metadata.sound.c_str();
+        *out = scene->keep(metadata.sound);
         return {};
       default:
         return {STGS_ERROR_ARGUMENT, fmt::format("there is no text {}", which)};
@@ -243,7 +247,7 @@ stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* 
     }
     const stgs::Issue& found = issues[index];
     stgs::sdk::give_struct(issue, {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
-                                   found.message.c_str()});
+                                   scene->keep(found.message)});
     return {};
   });
 }

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <memory>
+#include <set>
+#include <string>
 
 #include "memory.h"
 #include "object.h"
@@ -16,6 +18,7 @@ struct stgs_scene {
   std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or the player's
   stgs::player::Timeline* timeline = nullptr;         // null: not open
   std::size_t losses_told = 0;
+  std::set<std::string> texts;  // that were given to the caller
 
   stgs::sdk::Outcome check_open() const {
     if (timeline != nullptr) return {};
@@ -23,6 +26,9 @@ struct stgs_scene {
                                         : "no file is open: call one of the stgs_scene_open "
                                           "functions first"};
   }
+  // The same text for as long as the scene: what a recording's reader says goes with the reader,
+  // and the next stretch has another.
+  const char* keep(const std::string& text) { return texts.insert(text).first->c_str(); }
   // Logs what was wrong with the file when it was opened.
   void tell_damage() const;
   // Logs what was passed over since the last call.

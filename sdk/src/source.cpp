@@ -2,7 +2,9 @@
 #include "source.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <mutex>
+#include <new>
 #include <utility>
 #include <vector>
 
@@ -100,13 +102,14 @@ std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes)
 
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
                                           std::shared_ptr<std::pmr::memory_resource> memory) {
+  if (bytes.size() > PTRDIFF_MAX) throw std::bad_alloc();  // no memory is that large
   auto copy =
       std::make_unique<std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory.get());
   return std::make_unique<CopiedSource>(std::move(copy), std::move(memory));
 }
 
 CallerSource callback_source(const stgs_io& io) {
-  auto caller = std::make_shared<CallerIo>(io);
+  auto caller = hold_caller<CallerIo>(io);
   return {std::make_unique<CallbackSource>(caller), [caller] { caller->interrupt(); }};
 }
 

@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <memory_resource>
+#include <new>
 #include <span>
 
 #include "stgs/format/byte_source.h"
@@ -35,6 +36,17 @@ class CallerSize {
   std::uint64_t (*ask_)(void*);
   std::atomic<std::uint64_t> bytes_;
 };
+
+// A Caller, which closes the source when it ends; where there is no memory for it, that is now.
+template <typename Caller, typename Io>
+std::shared_ptr<Caller> hold_caller(const Io& io) {
+  try {
+    return std::make_shared<Caller>(io);
+  } catch (const std::bad_alloc&) {
+    if (io.close != nullptr) io.close(io.user);
+    throw;
+  }
+}
 
 // A source of callbacks. Both hold it open: what is left of it is closed by the last that goes.
 struct CallerSource {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface of the encoder: from a capture to a scene that is drawn, stopped at any stage,
 // resumed, and with settings that are none.
+#include <sys/stat.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 #include <unistd.h>
@@ -549,6 +550,18 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
   CHECK(stgs_encoder_pack(encoder.get(), nullptr, 1, scene.c_str(), nullptr, nullptr) ==
         STGS_ERROR_ARGUMENT);
   CHECK(std::string(encoder.error().message).find("scenes") != std::string::npos);
+}
+
+TEST_CASE("a pipe is no scene to pack, and is not waited for", "[sdk]") {
+  const WorkFolder work;
+  const Watched encoder;
+  const std::string pipe = work.at("pipe.stgs");
+  REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+  ::alarm(60);  // ends who waits for a writer
+  CHECK(pack_one(encoder, pipe, work.at("packed.stgs")) == STGS_ERROR_IO);
+  ::alarm(0);
+  CHECK(encoder.error().message == pipe + ": not a regular file");
+  CHECK(work.names() == std::vector<std::string>{"pipe.stgs"});
 }
 
 TEST_CASE("an encoder keeps to its threads, and gives the process its own back", "[sdk]") {

@@ -155,4 +155,36 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
         draw_rgba8(renderer.get(), open_scene(clip).get(), 31 * kFrame, view));
 }
 
+TEST_CASE("a source is closed once, wherever memory ends while it is opened", "[sdk]") {
+  const auto file = sdk_file();
+  int closed = 0, failures = 0;
+  struct Bytes {
+    const std::vector<std::uint8_t>& file;
+    int& closed;
+  } bytes{file, closed};
+  stgs_io io{};
+  io.struct_size = sizeof io;
+  io.user = &bytes;
+  io.size = file.size();
+  io.read = [](void* user, std::uint64_t offset, void* out, std::size_t count) {
+    std::memcpy(out, static_cast<Bytes*>(user)->file.data() + offset, count);
+    return 0;
+  };
+  io.close = [](void* user) { ++static_cast<Bytes*>(user)->closed; };
+  for (stgs_result result = STGS_ERROR_OUT_OF_MEMORY; result != STGS_OK; ++failures) {
+    ScenePtr scene = make_scene();
+    closed = 0;
+    fuzz::fail_request(failures + 1);
+    result = stgs_scene_open_io(scene.get(), &io);
+    fuzz::fail_request(0);
+    if (result != STGS_OK && (result != STGS_ERROR_OUT_OF_MEMORY || closed != 1)) {
+      FAIL("request " << failures + 1 << ": result " << result << ", closed " << closed);
+    }
+    CHECK((result != STGS_OK || closed == 0));
+    scene.reset();
+    REQUIRE(closed == 1);
+  }
+  CHECK(failures > 10);
+}
+
 }  // namespace stgs::testing

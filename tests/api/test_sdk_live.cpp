@@ -53,6 +53,11 @@ class GrowingFile {
                static_cast<std::streamsize>(size - size_));
     size_ = size;
   }
+  void damage(std::size_t offset) {
+    std::fstream file(path_, std::ios::binary | std::ios::in | std::ios::out);
+    file.seekp(static_cast<std::streamoff>(offset));
+    file.put(static_cast<char>(recording().bytes[offset] ^ 1));
+  }
   const std::string& path() const { return path_; }
   stgs_io io() {
     stgs_io io{};
@@ -168,6 +173,55 @@ TEST_CASE("a recording can be played as the clip that it is so far", "[sdk]") {
   REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
   CHECK(live_of(player.get()).growing == 0);
   CHECK(update(player.get(), 0).seconds == 0);
+}
+
+TEST_CASE("what a recording's scene says stays while it grows", "[sdk]") {
+  std::filesystem::remove(std::filesystem::temp_directory_path() / "stgs_test_sdk_live.stgs");
+  GrowingFile file(recording().ends[7]);
+  file.damage(recording().ends[6] - 20);  // of what lists the sixth stretch; the eighth does again
+  stgs_player_settings settings = player_settings();
+  settings.live_poll_seconds = 0.002;
+  const PlayerPtr player = make_player(&settings);
+  REQUIRE(stgs_player_open(player.get(), file.path().c_str()) == STGS_OK);
+  REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
+  stgs_scene* const scene = stgs_player_scene(player.get());
+  const auto generator = [&] {
+    const char* text = nullptr;
+    REQUIRE(stgs_scene_get_text(scene, STGS_TEXT_GENERATOR, &text) == STGS_OK);
+    return text;
+  };
+  const auto issue = [&] {
+    stgs_issue first{};
+    first.struct_size = sizeof first;
+    REQUIRE(stgs_scene_get_issue(scene, 0, &first) == STGS_OK);
+    return first.message;
+  };
+  const auto frames = [&] {
+    stgs_scene_info info{};
+    info.struct_size = sizeof info;
+    REQUIRE(stgs_scene_get_info(scene, &info) == STGS_OK);
+    return info.frames;
+  };
+  const char *const said = generator(), *const wrong = issue();
+  const std::string said_at_first = said, wrong_at_first = wrong;
+  const std::uint32_t frames_at_first = frames();
+  const RendererPtr renderer = cpu_renderer();
+  stgs_view view;
+  REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
+  REQUIRE(stgs_view_resize(&view, 32, 18) == STGS_OK);
+  for (const std::size_t stretches : {8, 9}) {
+    const std::uint32_t before = frames();
+    file.grow(recording().ends[stretches]);
+    REQUIRE(wait_until([&] {
+      (void)update(player.get(), 10);
+      (void)draw_rgba8(renderer.get(), scene, 0, view);
+      return frames() > before;
+    }));
+  }
+  CHECK(frames() > frames_at_first);
+  CHECK(generator() == said);  // the same place, not only the same words
+  CHECK(said == said_at_first);
+  CHECK(wrong == wrong_at_first);
 }
 
 }  // namespace stgs::testing

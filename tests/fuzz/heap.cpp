@@ -13,8 +13,10 @@ namespace {
 
 constexpr std::int64_t kNoLimit = std::numeric_limits<std::int64_t>::max();
 std::atomic<std::int64_t> used{0}, start{0}, peak{0}, limit{kNoLimit};
+thread_local int until_failure = 0;  // requests, the failing one among them; 0: none fails
 
 void* take(std::size_t size) {
+  if (until_failure > 0 && --until_failure == 0) throw std::bad_alloc();
   // Before it is asked for: a limit that is found to be passed afterwards is none.
   const auto asked = static_cast<std::int64_t>(size);
   if (asked < 0 || used + asked > limit) {
@@ -87,6 +89,9 @@ std::uint64_t heap_peak() {
 }
 void unlimit_heap() {
   limit = kNoLimit;
+}
+void fail_request(int nth) {
+  until_failure = nth;
 }
 std::uint64_t heap_used() {
   return static_cast<std::uint64_t>(used);

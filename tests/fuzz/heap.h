@@ -12,6 +12,9 @@ void limit_heap(std::uint64_t bytes);
 // Most bytes above the start since limit_heap.
 std::uint64_t heap_peak();
 void unlimit_heap();
+// This thread's `nth` request from here on (1: the next) finds no memory; 0: none does, which is so
+// at first.
+void fail_request(int nth);
 // Bytes in use now.
 std::uint64_t heap_used();
 

@@ -95,7 +95,8 @@ typedef struct stgs_task_runner {
 /* Memory of the application's for what a scene or a player holds: bytes that were fetched or
  * copied, decoded primitives, and when these are seen. Not for what lists the file, for what
  * opening, decoding and drawing take while they last, nor for a renderer's buffers and a device.
- * Must work until the scene or player and the renderers that have drawn it are destroyed. */
+ * Must work until the scene or player and the renderers that have drawn it are destroyed. The
+ * functions must not call the library: its locks may be held. */
 typedef struct stgs_allocator {
   size_t struct_size;
   void* user;

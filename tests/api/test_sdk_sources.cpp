@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a scene and a player may be opened from, and what they refuse before they read it.
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "sdk_player_fixture.h"
+
+namespace stgs::testing {
+namespace {
+
+// A pipe that nobody writes to. Who waits for that is ended by a signal.
+class Pipe {
+ public:
+  Pipe() {
+    REQUIRE(::mkfifo(path_.c_str(), 0600) == 0);
+    ::alarm(60);
+  }
+  ~Pipe() {
+    ::alarm(0);
+    std::filesystem::remove(path_);
+  }
+  const std::string& path() const { return path_; }
+
+ private:
+  const std::string path_ =
+      (std::filesystem::temp_directory_path() / fmt::format("stgs-pipe-{}", ::getpid())).string();
+};
+
+}  // namespace
+
+TEST_CASE("a pipe is refused by its name, without waiting for a writer", "[sdk]") {
+  const Pipe pipe;
+  const std::string message = pipe.path() + ": not a regular file";
+  const auto source = open_file(pipe.path());
+  CHECK(source.status().code() == StatusCode::kIo);
+  CHECK(source.status().message() == message);
+  const ScenePtr scene = make_scene();
+  CHECK(stgs_scene_open(scene.get(), pipe.path().c_str()) == STGS_ERROR_IO);
+  CHECK(error_of(scene.get()).message == message);
+  const PlayerPtr player = make_player();
+  REQUIRE(stgs_player_open(player.get(), pipe.path().c_str()) == STGS_OK);
+  CHECK(stgs_player_wait_open(player.get()) == STGS_ERROR_IO);
+  CHECK(error_of(player.get()).message == message);
+}
+
+TEST_CASE("what is larger than a file may be is not copied", "[sdk]") {
+  int requests = 0;
+  stgs_allocator allocator{};
+  allocator.struct_size = sizeof allocator;
+  allocator.user = &requests;
+  allocator.allocate = [](void* user, std::size_t, std::size_t) -> void* {
+    ++*static_cast<int*>(user);
+    return nullptr;
+  };
+  allocator.free = [](void*, void*, std::size_t, std::size_t) {};
+  stgs_scene_settings settings = scene_settings();
+  settings.allocator = &allocator;
+  const auto file = sdk_file();
+  const auto open = [&](std::uint64_t most, std::size_t bytes) {
+    settings.max_file_bytes = most;
+    return stgs_scene_open_memory_copy(make_scene(&settings).get(), file.data(), bytes);
+  };
+  CHECK(open(file.size() - 1, file.size()) == STGS_ERROR_LIMIT);
+  CHECK(open(scene_settings().max_file_bytes, SIZE_MAX) == STGS_ERROR_LIMIT);
+  CHECK(open(UINT64_MAX, SIZE_MAX) == STGS_ERROR_OUT_OF_MEMORY);
+  CHECK(requests == 0);
+  CHECK(open(file.size(), file.size()) == STGS_ERROR_OUT_OF_MEMORY);
+  CHECK(requests == 1);
+}
+
+}  // namespace stgs::testing
