@@ -37,6 +37,10 @@ const Row& row_of(Attribute attribute) {
 template <typename Float, typename Set>
 AttributeView<Float> view(Set& set, Attribute attribute) {
   const auto sh_stride = static_cast<std::size_t>(3 * set.sh_coefficients());
+  // No offset of an empty array's null pointer.
+  const auto sh = [&set](std::size_t first) {
+    return set.sh.empty() ? nullptr : set.sh.data() + first;
+  };
   switch (attribute) {
     case Attribute::kPosition:
       return {set.position.data(), 3};
@@ -55,13 +59,13 @@ AttributeView<Float> view(Set& set, Attribute attribute) {
     case Attribute::kOpacity:
       return {set.opacity_logit.data(), 1};
     case Attribute::kSh0:
-      return {set.sh.data(), sh_stride};
+      return {sh(0), sh_stride};
     case Attribute::kSh1:
-      return {set.sh.data() + 3, sh_stride};
+      return {sh(3), sh_stride};
     case Attribute::kSh2:
-      return {set.sh.data() + 12, sh_stride};
+      return {sh(12), sh_stride};
     case Attribute::kSh3:
-      return {set.sh.data() + 27, sh_stride};
+      return {sh(27), sh_stride};
   }
   return {};
 }
