@@ -64,3 +64,5 @@ foreach(component encoder encoder_static)
 endforeach()
 install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
+install(FILES examples/encode.c
+        DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples COMPONENT encoder_dev)

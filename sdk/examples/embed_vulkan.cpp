@@ -19,15 +19,6 @@ struct DestroyScene {
   void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
 };
 
-// The file's start camera, over black: what is behind the scene is the application's.
-stgs_view start_view(stgs_scene* scene) {
-  stgs_view view{};
-  view.struct_size = sizeof view;
-  app::must(stgs_scene_start_view(scene, &view), scene);
-  std::fill_n(view.background, 3, 0.0f);
-  return view;
-}
-
 void draw(int count, char** arguments) {
   app::Gpu gpu(app::vulkan_makers());
   stgs_scene* made = nullptr;
@@ -37,7 +28,8 @@ void draw(int count, char** arguments) {
   stgs_scene_info info{};
   info.struct_size = sizeof info;
   app::must(stgs_scene_get_info(made, &info), made);
-  const stgs_view view = start_view(made);
+  stgs_view view = app::start_view(made, info);
+  std::fill_n(view.background, 3, 0.0f);  // what is behind the scene is the application's
   app::Place place = app::middle_of(info, view);
   if (count == 8) {
     for (int i = 0; i < 3; ++i) place.centre[i] = std::strtof(arguments[4 + i], nullptr);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws one moment of a scene from its start camera, and writes a PPM picture.
+/* Draws one moment of a scene from its start camera, or from before it, and writes a PPM picture.
  *
  * usage: minimal SCENE.stgs SECONDS PICTURE.ppm */
 #include <stdio.h>
@@ -17,6 +17,25 @@ static int write_ppm(const char* path, const unsigned char* rgba, unsigned width
   return fclose(file) == 0;
 }
 
+/* The file's start camera. Where it has none, as one that was converted from splats, the defaults,
+ * which look along z, from so far away that all that lies within the bounds is seen. */
+static stgs_result place_camera(stgs_scene* scene, stgs_view* view) {
+  stgs_scene_info info;
+  float size = 0;
+  int i;
+  stgs_result result = stgs_scene_start_view(scene, view);
+  if (result != STGS_ERROR_UNSUPPORTED) return result;
+  info.struct_size = sizeof info;
+  result = stgs_scene_get_info(scene, &info);
+  for (i = 0; i < 3 && result == STGS_OK; ++i) {
+    const float edge = info.bounds_max[i] - info.bounds_min[i];
+    if (edge > size) size = edge;
+    view->translation[i] = -(info.bounds_min[i] + info.bounds_max[i]) / 2;
+  }
+  view->translation[2] += size > 0 ? 1.5f * size : 1;
+  return result;
+}
+
 /* Draws and writes; says what went wrong. */
 static int draw(stgs_scene* scene, stgs_renderer* renderer, double seconds, const char* path) {
   stgs_error error;
@@ -26,7 +45,7 @@ static int draw(stgs_scene* scene, stgs_renderer* renderer, double seconds, cons
   error.struct_size = sizeof error;
   view.struct_size = sizeof view;
   stgs_picture_defaults(&picture, sizeof picture);
-  if (stgs_scene_start_view(scene, &view) != STGS_OK) {
+  if (place_camera(scene, &view) != STGS_OK) {
     stgs_scene_error(scene, &error);
     fprintf(stderr, "%s\n", error.message);
     return 0;

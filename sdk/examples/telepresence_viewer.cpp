@@ -17,6 +17,7 @@
 namespace {
 
 constexpr double kDisplay = 1.0 / 60;  // seconds between pictures
+constexpr double kReopen = 0.2;        // seconds until a recording that has gone is asked for again
 
 double now() {
   const auto since = std::chrono::steady_clock::now().time_since_epoch();
@@ -25,6 +26,8 @@ double now() {
 
 const char* name_of(stgs_event_kind kind) {
   switch (kind) {
+    case STGS_EVENT_FAILED:
+      return "failed";
     case STGS_EVENT_BUFFERING:
       return "buffering";
     case STGS_EVENT_RESUMED:
@@ -65,7 +68,11 @@ class Viewer {
     while (now() < begun_ + seconds) {
       const double picture_at = now();
       const stgs_player_status status = player_->update(picture_at);
-      note_events();
+      if (note_events()) {  // `status` is of a recording that has gone
+        std::this_thread::sleep_for(std::chrono::duration<double>(kReopen));
+        open();
+        continue;
+      }
       if (status.state == STGS_PLAYER_ENDED) return;
       if (status.state >= STGS_PLAYER_PAUSED && status.ready != 0) draw(status.seconds);
       std::this_thread::sleep_for(std::chrono::duration<double>(picture_at + kDisplay - now()));
@@ -96,15 +103,17 @@ class Viewer {
     player_->play();
   }
 
-  void note_events() {
-    bool replaced = false;
+  // Whether another recording has its place now, which may have only just begun.
+  bool note_events() {
+    bool gone = false;
     while (const auto event = player_->next_event()) {
       ++events_[name_of(event->kind)];
       if (!event->message.empty()) std::fprintf(stderr, "%s\n", event->message.c_str());
-      if (event->kind == STGS_EVENT_FAILED) throw std::runtime_error(event->message);
-      replaced = replaced || event->kind == STGS_EVENT_REPLACED;
+      const bool failed = event->kind == STGS_EVENT_FAILED;
+      if (failed && shown_.empty()) throw std::runtime_error(event->message);
+      gone = gone || failed || event->kind == STGS_EVENT_REPLACED;
     }
-    if (replaced) open();  // another recording has its place now
+    return gone;
   }
 
   void draw(double moment) {

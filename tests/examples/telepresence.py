@@ -30,6 +30,32 @@ def run(recorder, viewer, seconds, join_after, stretch=0.5):
     return out
 
 
+def run_replaced(recorder, viewer, seconds):
+    """Joins a recording, in whose place another is put once it is seen to be followed. What the
+    viewer prints."""
+    def record(path):
+        return subprocess.Popen([recorder, path, str(seconds)], stdout=subprocess.PIPE, text=True)
+    with tempfile.TemporaryDirectory() as folder:
+        path, other = folder + "/scene.stgs", folder + "/other.stgs"
+        with record(path) as first:
+            first.stdout.readline()
+            with subprocess.Popen([viewer, path, str(seconds + 20)], stdout=subprocess.PIPE,
+                                  text=True) as viewing, record(other) as second:
+                try:
+                    for _ in range(3):
+                        second.stdout.readline()
+                    first.kill()
+                    os.replace(other, path)
+                    second.wait(seconds + 30)
+                    told = viewing.communicate(timeout=60)[0]
+                finally:
+                    for process in first, second, viewing:
+                        process.kill()
+        if viewing.returncode != 0:
+            raise RuntimeError(f"the viewer ended with {viewing.returncode}")
+        return json.loads(told)
+
+
 def percentile(values, share):
     return sorted(values)[min(int(share * len(values)), len(values) - 1)] if values else None
 

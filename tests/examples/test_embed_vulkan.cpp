@@ -51,7 +51,7 @@ void add(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float w
 }
 
 // A blue wall at z = 8, a green ball before it at z = 3, left of the middle.
-std::string write_scene_to(const Folder& folder) {
+std::string write_scene_to(const Folder& folder, bool with_camera = true) {
   Scene scene;
   scene.metadata.time_base = {1, 30};
   scene.metadata.frames = 30;
@@ -63,7 +63,7 @@ std::string write_scene_to(const Folder& folder) {
   start.cy = kHeight / 2.0f;
   start.width = kWidth;
   start.height = kHeight;
-  scene.metadata.start_camera = start;
+  if (with_camera) scene.metadata.start_camera = start;
   scene.gaussians.sh_degree = 0;
   scene.gaussians.resize(2);
   add(scene.gaussians, 0, {0, 0, 8}, 60, 0.01f, {0, 0, 1});
@@ -87,7 +87,9 @@ std::string run(const std::string& arguments, int& code) {
 class Picture {
  public:
   // With the cube there.
-  Picture(const Folder& folder, const std::string& scene, const char* cube) {
+  Picture(const Folder& folder, const std::string& scene, const char* cube, int wide = kWidth,
+          int high = kHeight)
+      : width_(wide) {
     const std::string path = folder.at("picture.png");
     int code = -1;
     const std::string said = run(scene + " 0.5 " + path + " " + cube, code);
@@ -96,15 +98,16 @@ class Picture {
     CHECK(said.empty());
     int width = 0, height = 0, channels = 0;
     pixels_.reset(stbi_load(path.c_str(), &width, &height, &channels, 3));
-    REQUIRE(width == kWidth);
-    REQUIRE(height == kHeight);
+    REQUIRE(width == wide);
+    REQUIRE(height == high);
   }
   Colour at(int x, int y) const {
-    const std::uint8_t* p = pixels_.get() + 3 * (y * kWidth + x);
+    const std::uint8_t* p = pixels_.get() + 3 * (y * width_ + x);
     return {p[0], p[1], p[2]};
   }
 
  private:
+  const int width_;
   std::unique_ptr<std::uint8_t, void (*)(void*)> pixels_{nullptr, stbi_image_free};
 };
 
@@ -142,6 +145,13 @@ TEST_CASE("a cube behind all splats is hidden, and one before all of them hides 
   }
   CHECK(is_green(behind.at(70, 60)));
   CHECK(is_orange(before.at(70, 60)));
+}
+
+TEST_CASE("a scene without a start camera is seen from before its bounds") {
+  const Folder folder;
+  const Picture picture(folder, write_scene_to(folder, false), "", 1280, 720);
+  CHECK(is_blue(picture.at(20, 20)));
+  CHECK(is_green(picture.at(624, 360)));  // 5 from the camera, .125 left of it
 }
 
 TEST_CASE("a file that is none is told of") {

@@ -9,7 +9,7 @@ import shutil
 import sys
 import unittest
 
-from telepresence import run
+from telepresence import run, run_replaced
 
 RECORDER, VIEWER = map(os.path.abspath, sys.argv[1:3])
 SECONDS = 4
@@ -32,6 +32,13 @@ class Telepresence(unittest.TestCase):
         self.assertEqual((events.get("finished"), events.get("ended")), (1, 1), events)
         for trouble in "lost", "damaged", "replaced", "stalled":
             self.assertNotIn(trouble, events)
+
+    def test_a_viewer_goes_on_with_the_recording_that_takes_the_place_of_its_own(self):
+        out = run_replaced(RECORDER, VIEWER, SECONDS)
+        events = out["events"]
+        self.assertEqual((events.get("replaced"), events.get("finished"), events.get("ended")),
+                         (1, 1, 1), events)
+        self.assertGreater(out["shown"][-1][0], SECONDS - 0.2)
 
 
 if __name__ == "__main__":

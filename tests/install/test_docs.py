@@ -88,6 +88,8 @@ class Docs(unittest.TestCase):
                 built += 1
                 if self.can_run(page):
                     run(program, *self.arguments(page))
+                if page == "playing.md":  # of a file without a start camera it draws frames too
+                    self.assertIn("layers", run(program, self.at("no_camera.stgs")))
                 told = subprocess.run([program, self.at("no such file"), *self.arguments(page)[1:]],
                                       capture_output=True, text=True, timeout=60, check=False)
                 self.assertEqual(told.returncode, 1, told.stdout + told.stderr)
@@ -139,6 +141,15 @@ class Docs(unittest.TestCase):
             for name in re.findall(r"`(stgs_(?!unity)\w+|STGS_\w+)\b", prose):
                 self.assertTrue(name in declared or os.path.exists(
                     self.at(f"prefix/include/stgs/{name}.h")), f"{page} names {name}")
+
+    def test_structs_without_a_size_are_named(self):
+        headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
+        bodies = re.findall(r"^typedef struct (\w+) \{(.*?)^\} \1;", headers, re.DOTALL | re.MULTILINE)
+        self.assertGreater(len(bodies), 20)
+        sentence = re.search(r"carry no size: (.*?), which", self.pages["formats-and-errors.md"],
+                             re.DOTALL).group(1)
+        self.assertEqual({name for name, body in bodies if "size_t struct_size;" not in body},
+                         set(re.findall(r"`(\w+)`", sentence)))
 
 
 if __name__ == "__main__":

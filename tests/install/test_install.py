@@ -8,6 +8,7 @@ and by pkg-config (both), and runs each.
 import argparse
 import glob
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -45,6 +46,32 @@ class Install(unittest.TestCase):
         write_png(self.at("example.png"), width, height, pixels)
         # A byte that differs by 1 would be 87.7 dB.
         run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
+
+    def test_the_example_looks_at_a_scene_without_a_start_camera(self):
+        run(ARGUMENTS.minimal, self.at("no_camera.stgs"), "0.1", self.at("no_camera.ppm"))
+        width, height, pixels = read_ppm(self.at("no_camera.ppm"))
+        middle = [pixels[3 * (width * y + x):][:3] for y in range(height // 4, 3 * height // 4)
+                  for x in range(width // 4, 3 * width // 4)]
+        edges = [pixels[3 * (width * y + x):][:3] for y in (0, height - 1) for x in range(width)]
+        self.assertGreater(len(set(middle)), 50)
+        # All of it is in the picture, but for the rims of some splats.
+        self.assertGreater(edges.count(edges[0]), 0.8 * len(edges))
+
+    def test_the_installed_examples_are_built_by_their_own_script(self):
+        folder = os.path.join(self.at("prefix"), "share/doc/libstgs-dev/examples")
+        build = self.at("build_examples")
+        told = run(ARGUMENTS.cmake, "-S", folder, "-B", build,
+                   f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
+                   f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}")
+        run(ARGUMENTS.cmake, "--build", build)
+        programs = {os.path.splitext(os.path.basename(path))[0]
+                    for path in glob.glob(os.path.join(folder, "*.c*"))}
+        self.assertGreaterEqual(programs, {"minimal", "player", "telepresence_viewer"})
+        left_out = re.findall(r": ([\w ]+) (?:is|are) left out", told)
+        for program in programs - set(" ".join(left_out).split()):
+            self.assertTrue(os.path.exists(os.path.join(build, program)), program)
+        self.picture(os.path.join(build, "minimal"), "built.ppm")
+        self.assertEqual(read_ppm(self.at("built.ppm")), read_ppm(self.at("example.ppm")))
 
     def by_find_package(self, name, example, language, components=""):
         """The program that somebody else's project makes of an example."""

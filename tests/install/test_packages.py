@@ -27,13 +27,15 @@ CONTENTS = {
                     LIBRARIES + "cmake/stgs/stgsConfig.cmake",
                     LIBRARIES + "cmake/stgs/stgs-shared.cmake",
                     LIBRARIES + "cmake/stgs/stgs-static.cmake", LIBRARIES + "pkgconfig/stgs.pc",
+                    "usr/share/doc/libstgs-dev/examples/CMakeLists.txt",
                     "usr/share/doc/libstgs-dev/examples/minimal.c"],
     "libstgs-encoder0": [LIBRARIES + "libstgs_encoder.so.0", LIBRARIES + "libstgs_encoder.so.0.*"],
     "libstgs-encoder-dev": ["usr/include/stgs/stgs_encoder.h", LIBRARIES + "libstgs_encoder.so",
                             LIBRARIES + "libstgs_encoder.a",
                             LIBRARIES + "cmake/stgs/stgs-encoder.cmake",
                             LIBRARIES + "cmake/stgs/stgs-encoder_static.cmake",
-                            LIBRARIES + "pkgconfig/stgs_encoder.pc"],
+                            LIBRARIES + "pkgconfig/stgs_encoder.pc",
+                            "usr/share/doc/libstgs-encoder-dev/examples/encode.c"],
     "stgs": ["usr/bin/stgs", "usr/share/bash-completion/completions/stgs",
              "usr/share/fish/vendor_completions.d/stgs.fish",
              "usr/share/zsh/vendor-completions/_stgs",
@@ -103,6 +105,12 @@ class Packages(unittest.TestCase):
             for file in held[name]:
                 if not re.match(r"usr/(share/(doc|man)|include/stgs|lib/.*cmake/stgs)/", file):
                     self.assertIn(os.path.join(self.at(name), file), known)
+            for file in held[name]:  # what an example includes of ours is in a package too
+                if "/examples/" in file and file.endswith((".c", ".cpp", ".h")):
+                    with open(os.path.join(self.at(name), file), encoding="utf-8") as text:
+                        included = re.findall(r'#include ["<](stgs/[^">]+)', text.read())
+                    for header in included:
+                        self.assertTrue(self.find(f"usr/include/{header}"), f"{file}: {header}")
         every = [file for files in held.values() for file in files]
         self.assertEqual(len(every), len(set(every)), "a file is in two packages")
 

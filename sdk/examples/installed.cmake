@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+# Builds the examples with the installed library: cmake -S . -B BUILD && cmake --build BUILD
+cmake_minimum_required(VERSION 3.25)
+project(stgs_examples LANGUAGES C CXX)
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+find_package(stgs REQUIRED COMPONENTS shared)
+
+add_executable(minimal minimal.c)
+add_executable(player player.cpp)
+add_executable(telepresence_viewer telepresence_viewer.cpp)
+foreach(program minimal player telepresence_viewer)
+  target_link_libraries(${program} PRIVATE stgs::stgs)
+endforeach()
+
+find_package(Vulkan COMPONENTS glslc)
+find_package(PkgConfig)
+if(PkgConfig_FOUND)
+  pkg_check_modules(STB IMPORTED_TARGET stb)
+endif()
+if(NOT (Vulkan_FOUND AND Vulkan_GLSLC_EXECUTABLE AND STB_FOUND))
+  message(STATUS "No Vulkan, glslc or stb (libvulkan-dev, glslc, libstb-dev): "
+                 "embed_vulkan and hello_openxr are left out")
+  return()
+endif()
+include(app/app.cmake)
+target_link_libraries(stgs_example_app PUBLIC stgs::stgs)
+add_executable(embed_vulkan embed_vulkan.cpp)
+target_link_libraries(embed_vulkan PRIVATE stgs_example_app)
+
+find_package(OpenXR)
+if(NOT OpenXR_FOUND)
+  message(STATUS "No OpenXR (libopenxr-dev): hello_openxr is left out")
+  return()
+endif()
+add_executable(hello_openxr hello_openxr.cpp xr/eye_view.cpp xr/session.cpp)
+target_link_libraries(hello_openxr PRIVATE stgs_example_app OpenXR::openxr_loader)
