@@ -91,6 +91,10 @@ class Install(unittest.TestCase):
                     program = self.by_find_package(name, example, language)
                     self.assertEqual(self.picture(program, f"{name}_{language}.ppm"),
                                      read_ppm(self.at("example.ppm")))
+                    if name == "stgs":  # of a scene without a start camera too
+                        for drawer, picture in (program, "p.ppm"), (ARGUMENTS.minimal, "m.ppm"):
+                            run(drawer, self.at("no_camera.stgs"), "0.1", self.at(picture))
+                        self.assertEqual(read_ppm(self.at("p.ppm")), read_ppm(self.at("m.ppm")))
 
     def by_pkg_config(self, package, example, words):
         """The program of an example, and the environment that it runs in."""
