@@ -65,6 +65,7 @@ class StreamPlayer final : public Player {
   Timeline& timeline() override { return *timeline_; }
 
   void play() override {
+    if (playing_) return;
     if (growing_ && following_) to_edge_ = true;
     if (clock_.at_end()) {
       clock_.seek(clock_.rate() > 0 ? 0 : growing_ ? frames_ - 1.0 : frames_);
@@ -332,6 +333,11 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
       settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
   const auto pieces = std::make_shared<PieceSource>(std::move(source), memory);
   try {
+    if (pieces->size() > settings.max_file_bytes) {
+      return Status(StatusCode::kLimit,
+                    fmt::format("{}: {} bytes, more than the limit of {}", pieces->name(),
+                                pieces->size(), settings.max_file_bytes));
+    }
     IndexCache cache;
     STGS_ASSIGN(const auto reader, open_snapshot(pieces, cache, settings.limits, memory));
     return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(

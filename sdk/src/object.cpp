@@ -25,6 +25,8 @@ stgs_result result_of(StatusCode code) {
       return STGS_ERROR_NOT_BUILT;
     case StatusCode::kNoMemory:
       return STGS_ERROR_OUT_OF_MEMORY;
+    case StatusCode::kLimit:
+      return STGS_ERROR_LIMIT;
     case StatusCode::kRuntime:
     case StatusCode::kDiffers:
       break;

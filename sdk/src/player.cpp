@@ -59,6 +59,7 @@ stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
   stgs::player::PlayerSettings out;
   out.memory_budget = s.memory_budget;
   out.limits = {s.max_primitives, s.max_memory};
+  out.max_file_bytes = s.max_file_bytes;
   out.ahead_seconds = s.ahead_seconds;
   out.resume_seconds = s.resume_seconds;
   out.layer_patience_seconds = s.patience_seconds;

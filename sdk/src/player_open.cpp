@@ -27,7 +27,9 @@ void open_caller_source(stgs_player& player, const Io& io) {
   stgs::sdk::CallerSource caller = stgs::sdk::callback_source(io);
   // A function can be copied, a unique_ptr cannot.
   const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(std::move(caller.source));
-  player.begin_opening([source, interrupt = caller.interrupt, wanted = player.wanted] {
+  using Opened = stgs_player::Opened;
+  player.begin_opening([source, interrupt = caller.interrupt, wanted = player.wanted]() -> Opened {
+    STGS_TRY((*source)->refresh(0).status());  // how large it is, which may take its time
     return Player::over(std::move(*source), wanted, interrupt);
   });
   player.interrupt = std::move(caller.interrupt);
@@ -71,13 +73,6 @@ Outcome stgs_player::take_opened() {
   try {
     Opened result = opening.get();
     if (!result.ok()) return result.status();
-    const stgs::SceneReader& reader = (*result)->timeline().reader();
-    if (const std::uint64_t bytes = reader.file_bytes() + reader.incomplete_bytes();
-        bytes > settings.max_file_bytes) {
-      return {STGS_ERROR_LIMIT,
-              fmt::format("{}: {} bytes, more than the limit of {}", (*result)->timeline().name(),
-                          bytes, settings.max_file_bytes)};
-    }
     STGS_SDK_TRY((*result)->set_rate(rate));
     (*result)->set_loop(loop);
     if (playing) (*result)->play();

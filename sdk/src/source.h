@@ -20,13 +20,12 @@ std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes)
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
                                           std::shared_ptr<std::pmr::memory_resource> memory);
 
-// How large a source of callbacks is: as it said when it was asked last. Thread-safe.
+// How large a source of callbacks is: as it said when it was asked last, before that `size`.
+// Thread-safe.
 class CallerSize {
  public:
   template <typename Io>
-  explicit CallerSize(const Io& io) : user_(io.user), ask_(io.current_size), bytes_(io.size) {
-    if (ask_ != nullptr) bytes_ = ask_(user_);
-  }
+  explicit CallerSize(const Io& io) : user_(io.user), ask_(io.current_size), bytes_(io.size) {}
   std::uint64_t bytes() const { return bytes_; }
   bool may_grow() const { return ask_ != nullptr; }
   ByteSource::Change refresh(std::uint64_t kept);

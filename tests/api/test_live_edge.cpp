@@ -101,5 +101,13 @@ TEST_CASE("looks are frequent when a stretch is due, and rare when none comes") 
   CHECK(pace.wait() == Approx(0.05));
 }
 
+TEST_CASE("looks that are to follow each other at once leave time for other work") {
+  PollPace pace(0, 100);
+  pace.found(true, 100);
+  CHECK(pace.wait() == PollPace::kShortest);
+  pace.found(false, 100);
+  CHECK(pace.wait() == PollPace::kShortest);
+}
+
 }  // namespace
 }  // namespace stgs::player

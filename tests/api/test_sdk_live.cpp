@@ -3,6 +3,7 @@
 #include <atomic>
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "sdk_player_fixture.h"
 #include "stretch_fixture.h"
@@ -157,6 +158,42 @@ TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
   CHECK(live_of(player).growing == 0);
   CHECK(live_of(player).edge_seconds == 0);
   CHECK(stgs_player_go_live(player) == STGS_OK);
+}
+
+TEST_CASE("only a player's threads ask a source how large it is", "[sdk]") {
+  static std::atomic<int> here, elsewhere;
+  static std::thread::id own;
+  here = elsewhere = 0;
+  own = std::this_thread::get_id();
+  const auto size_of = [](void*) -> std::uint64_t {
+    ++(std::this_thread::get_id() == own ? here : elsewhere);
+    return recording().bytes.size();
+  };
+  std::filesystem::remove(std::filesystem::temp_directory_path() / "stgs_test_sdk_live.stgs");
+  GrowingFile file(0);
+  stgs_io io = file.io();
+  io.current_size = size_of;
+  SECTION("of callbacks") {
+    const PlayerPtr player = make_player();
+    REQUIRE(stgs_player_open_io(player.get(), &io) == STGS_OK);
+    CHECK(stgs_player_wait_open(player.get()) == STGS_OK);
+    CHECK(elsewhere == 1);
+  }
+  SECTION("of callbacks that answer later") {
+    stgs_async_io async = file.async_io();
+    async.current_size = size_of;
+    const PlayerPtr player = make_player();
+    REQUIRE(stgs_player_open_async_io(player.get(), &async) == STGS_OK);
+    CHECK(stgs_player_wait_open(player.get()) == STGS_OK);
+    CHECK(elsewhere == 1);
+  }
+  SECTION("a scene has none") {
+    io.size = recording().bytes.size();
+    const ScenePtr scene = make_scene();
+    CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_OK);
+    CHECK(elsewhere == 0);
+  }
+  CHECK(here == 0);
 }
 
 TEST_CASE("a recording can be played as the clip that it is so far", "[sdk]") {

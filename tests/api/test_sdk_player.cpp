@@ -264,6 +264,40 @@ TEST_CASE("a player's limits hold before anything is fetched", "[sdk]") {
   CHECK(none == nullptr);
 }
 
+TEST_CASE("nothing is read of a file that is larger than a player takes", "[sdk]") {
+  CallerFile file(clip_file());
+  stgs_player_settings settings = player_settings();
+  settings.max_file_bytes = clip_file().size() - 1;
+  const PlayerPtr player = make_player(&settings);
+  SECTION("callbacks") {
+    const stgs_io io = file.io();
+    REQUIRE(stgs_player_open_io(player.get(), &io) == STGS_OK);
+  }
+  SECTION("callbacks that answer later") {
+    const stgs_async_io io = file.async_io();
+    REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
+  }
+  CHECK(stgs_player_wait_open(player.get()) == STGS_ERROR_LIMIT);
+  CHECK(file.reads == 0);
+  CHECK(file.closed == 1);
+}
+
+TEST_CASE("nothing happens when what plays is told to play", "[sdk]") {
+  const PlayerPtr player = open_player(clip_file());
+  REQUIRE(stgs_player_play(player.get()) == STGS_OK);
+  const auto plays = [](const stgs_player_status& s) { return s.state == STGS_PLAYER_PLAYING; };
+  REQUIRE(update_until(player.get(), 0, plays));
+  REQUIRE(settle(player.get(), 0));
+  (void)take_events(player.get());
+  for (int i = 1; i <= 10; ++i) {
+    REQUIRE(stgs_player_play(player.get()) == STGS_OK);
+    CHECK(update(player.get(), 0.01 * i).state == STGS_PLAYER_PLAYING);
+  }
+  for (const KeptEvent& event : take_events(player.get())) {
+    CHECK(event.event.kind == STGS_EVENT_LAYERS);
+  }
+}
+
 TEST_CASE("what is damaged or cannot be read while it plays is told with its byte", "[sdk]") {
   auto reader = SceneReader::open(memory_source(clip_file()));
   REQUIRE(reader.ok());

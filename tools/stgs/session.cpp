@@ -90,8 +90,14 @@ int Session::conclude(Status status) {
   if (!status.ok() && interrupted()) status = runtime_error("interrupted: {}", status.message());
   if (!status.ok()) log(0, status.message());
   if (world_ != nullptr) world_->finish();
-  const bool no_memory = status.code() == StatusCode::kNoMemory;
-  return static_cast<int>(no_memory ? StatusCode::kRuntime : status.code());
+  switch (status.code()) {
+    case StatusCode::kNoMemory:
+      return static_cast<int>(StatusCode::kRuntime);
+    case StatusCode::kLimit:
+      return static_cast<int>(StatusCode::kUnsupported);
+    default:
+      return static_cast<int>(status.code());
+  }
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {

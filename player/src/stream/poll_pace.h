@@ -10,10 +10,10 @@ namespace stgs::player {
 // goes back. Not thread-safe.
 class PollPace {
  public:
-  static constexpr double kLongest = 2;  // seconds between looks
+  static constexpr double kShortest = 0.01, kLongest = 2;  // seconds between looks
 
   PollPace(double shortest, double now)
-      : shortest_(std::min(shortest, kLongest)), wait_(0), grown_(now) {}
+      : shortest_(std::clamp(shortest, kShortest, kLongest)), wait_(0), grown_(now) {}
 
   // Seconds from the last look to the next.
   double wait() const { return wait_; }

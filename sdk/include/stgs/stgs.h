@@ -131,7 +131,7 @@ STGS_API stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings,
 typedef struct stgs_io {
   size_t struct_size;
   void* user;
-  uint64_t size; /* bytes, or as many as current_size says */
+  uint64_t size; /* bytes; for a player that has current_size, as many as that says */
   /* Fills `out` with the bytes [offset, offset + bytes), which lie within `size`; 0 is success, all
    * else an error. Called by several threads at once, which are not the caller's. */
   int (*read)(void* user, uint64_t offset, void* out, size_t bytes);
@@ -141,7 +141,8 @@ typedef struct stgs_io {
    * once. NULL: nothing to do, they end by themselves. */
   void (*interrupt)(void* user);
   /* How many bytes there are now, of a recording that grows while a player follows it: called by a
-   * thread of the player's, again and again. NULL: always `size`. */
+   * thread of the player's, before anything is read and again and again, never for a scene without
+   * a player. NULL: always `size`. */
   uint64_t (*current_size)(void* user);
 } stgs_io;
 

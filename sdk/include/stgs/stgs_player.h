@@ -32,7 +32,8 @@ typedef struct stgs_player_settings {
   size_t struct_size;
   uint64_t memory_budget;  /* bytes of what is fetched and decoded: what is needed last makes room,
                             * and what finds none is left out; default 4 GiB, at least 1 MiB */
-  uint64_t max_file_bytes; /* of the file when it is opened; default 2^63 - 1 */
+  uint64_t max_file_bytes; /* of the file when it is opened: a larger one is refused before
+                            * anything of it is read; default 2^63 - 1 */
   uint64_t max_primitives; /* of the whole file; default 200 million */
   uint64_t max_memory;     /* bytes of the file's index, and of decoding a segment; default 4 GiB,
                             * at least 1 MiB */
@@ -54,7 +55,8 @@ typedef struct stgs_player_settings {
   int32_t live_follow;        /* 1 (default): it is followed; 0: what is recorded is a clip */
   double live_behind_seconds; /* behind its edge, or further where its stretches ask for that; 0:
                                * as near as they let it be; default 1 */
-  double live_poll_seconds;   /* between looks for more, when it is due; default 0.05 */
+  double live_poll_seconds;   /* between looks for more, when it is due; less than 0.01 counts as
+                               * that; default 0.05 */
   double live_stall_seconds;  /* without more, then STGS_EVENT_STALLED; default 5 */
   double live_skip_seconds;   /* further behind than it is to be, the moment jumps; default 3 */
 } stgs_player_settings;
@@ -98,7 +100,7 @@ typedef struct stgs_read stgs_read;
 typedef struct stgs_async_io {
   size_t struct_size;
   void* user;
-  uint64_t size; /* bytes, or as many as current_size says */
+  uint64_t size; /* bytes; where there is current_size, as many as that says */
   /* Begins to fill `out` with the bytes [offset, offset + bytes), which lie within `size`, and
    * returns. Then stgs_read_complete is called once, by any thread, also before `begin` returns;
    * until then `out` may be written to. Called by several threads at once, which are the player's.
@@ -132,7 +134,8 @@ STGS_API stgs_scene* stgs_player_scene(stgs_player* player);
 /* --- Playing. Before the file is open, these are kept for then, but for seeks
  * (STGS_ERROR_STATE). --- */
 
-/* Goes on from the moment; from the end, from the beginning. */
+/* Goes on from the moment; from the end, from the beginning. Nothing happens while it plays or
+ * buffers. */
 STGS_API stgs_result stgs_player_play(stgs_player* player);
 STGS_API stgs_result stgs_player_pause(stgs_player* player);
 /* To a moment, clamped to the clip, or to the beginning of a frame, which the clip must have

@@ -24,6 +24,7 @@ enum class StatusCode : int {
   kNotBuilt = 6,     // a part that this build leaves out
   kDiffers = 7,      // a comparison found a difference
   kNoMemory = 8,     // not enough memory; the command line's exit code is kRuntime's
+  kLimit = 9,        // more than the caller allows; the command line's is kUnsupported's
 };
 
 // Of what was thrown.

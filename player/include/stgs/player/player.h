@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <memory_resource>
 #include <span>
@@ -52,7 +53,8 @@ struct LiveSettings {
   // How far behind the edge play is, seconds; further where stretches are longer, or come too
   // unevenly, for that without play standing still: 0 is as near as they let it be.
   double behind_seconds = 1;
-  // Between looks whether there is more, about when it is due; up to 2 s where it does not come.
+  // Between looks whether there is more, about when it is due; less than 0.01 counts as that. Up to
+  // 2 s where it does not come.
   double poll_seconds = 0.05;
   double stall_seconds = 5;  // without more, then kStalled is told
   // Further behind where it follows, play jumps there; nearer, its rate is up to a tenth more or
@@ -71,6 +73,8 @@ struct PlayerSettings {
   LiveSettings live;
   HttpSettings http;  // of a URL
   ReadLimits limits;  // of the file
+  // Of the file when it is opened; a larger one is refused before anything of it is read.
+  std::uint64_t max_file_bytes = std::numeric_limits<std::int64_t>::max();
   // Decodes; outlives the player. Null: threads of our own.
   TaskRunner* task_runner = nullptr;
   // Of what is fetched and decoded, from several threads at once. Null: the heap.
@@ -117,7 +121,7 @@ struct StreamStatistics {
 class Player {
  public:
   // `place`: a path or a URL. Reads the head of the file. Errors: open_place's,
-  // SceneReader::open's, settings out of range (kUsage).
+  // SceneReader::open's, settings out of range (kUsage), a file that is too large (kLimit).
   static Result<std::unique_ptr<Player>> open(const std::string& place,
                                               const PlayerSettings& settings = {});
   // The same of a source that is already open, which may answer as late as it likes. `interrupt`,
@@ -131,6 +135,7 @@ class Player {
   // long as the player.
   virtual Timeline& timeline() = 0;
 
+  // From the end: from the beginning. Nothing happens while it plays, or is about to.
   virtual void play() = 0;
   virtual void pause() = 0;
   // To a moment, or to the beginning of a frame; the next advance() is there. kUsage: not a number,
