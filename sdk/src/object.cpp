@@ -9,7 +9,7 @@
 namespace stgs::sdk {
 namespace {
 
-stgs_result result_of(StatusCode code) {
+stgs_result result_of_code(StatusCode code) {
   switch (code) {
     case StatusCode::kOk:
       return STGS_OK;
@@ -56,11 +56,14 @@ Location location_of(const std::string& message) {
 
 }  // namespace
 
-Outcome::Outcome(Status s) : result(result_of(s.code())), status(std::move(s)) {
-  const int issue = location_of(status.message()).issue;
+stgs_result result_of(StatusCode code, const std::string& message) {
+  const int issue = location_of(message).issue;
   const bool limit = issue == kPrimitiveLimit || issue == kMemoryLimit;
-  if (result == STGS_ERROR_UNSUPPORTED && limit) result = STGS_ERROR_LIMIT;
+  const stgs_result result = result_of_code(code);
+  return result == STGS_ERROR_UNSUPPORTED && limit ? STGS_ERROR_LIMIT : result;
 }
+
+Outcome::Outcome(Status s) : result(result_of(s.code(), s.message())), status(std::move(s)) {}
 
 stgs_result LastError::set(stgs_result result, const char* message) {
   result_ = result;

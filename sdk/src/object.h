@@ -7,6 +7,7 @@
 #include <cstring>
 #include <exception>
 #include <new>
+#include <string>
 
 #include "stgs/format/status.h"
 #include "stgs/stgs.h"
@@ -23,6 +24,9 @@ struct Outcome {
   Outcome(stgs_result r, std::string message)
       : result(r), status(StatusCode::kRuntime, std::move(message)) {}
 };
+
+// Of a status; allocates nothing.
+stgs_result result_of(StatusCode code, const std::string& message);
 
 // The last error of an object. Allocates nothing, so that it can tell of having no memory.
 class LastError {

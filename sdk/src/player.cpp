@@ -144,10 +144,9 @@ stgs_player_status status_of(const stgs_player& player) {
 
 }  // namespace
 
-void stgs_player::tell(Event event) {
-  if (events.size() == STGS_MAX_EVENTS) events.pop_front();
+void stgs_player::tell(Event event) noexcept {
   event.event.struct_size = sizeof(event.event);
-  events.push_back(std::move(event));
+  events.add(std::move(event));
 }
 
 void stgs_player::take_events() {
@@ -155,7 +154,7 @@ void stgs_player::take_events() {
   for (PlayerEvent& from : player->take_events()) {
     Event event;
     event.event.kind = kind_of(from.kind);
-    event.event.result = Outcome(stgs::Status(from.code, from.message)).result;
+    event.event.result = stgs::sdk::result_of(from.code, from.message);
     event.event.seconds = from.seconds;
     const bool of_file = event.event.result != STGS_OK;
     event.event.offset = of_file ? from.offset : STGS_NO_OFFSET;
@@ -305,8 +304,7 @@ stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event
       player->told.event.struct_size = sizeof(*event);
       player->told.event.offset = STGS_NO_OFFSET;
     } else {
-      player->told = std::move(player->events.front());
-      player->events.pop_front();
+      player->told = player->events.take();
     }
     player->told.event.message = player->told.message.c_str();
     stgs::sdk::give_struct(event, player->told.event);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <deque>
 #include <functional>
 #include <future>
 #include <memory>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 #include "scene.h"
 #include "stgs/player/player.h"
@@ -17,6 +17,33 @@ struct stgs_player {
   struct Event {
     stgs_player_event event{};
     std::string message;
+  };
+  // The last STGS_MAX_EVENTS that nobody has taken. Has its memory from the beginning, so that
+  // having none can be told.
+  class Events {
+   public:
+    Events() : slots_(STGS_MAX_EVENTS) {}
+    bool empty() const { return count_ == 0; }
+    // The oldest makes room for one that is too many.
+    void add(Event event) noexcept {
+      slots_[(first_ + count_) % slots_.size()] = std::move(event);
+      if (count_ < slots_.size()) {
+        ++count_;
+      } else {
+        first_ = (first_ + 1) % slots_.size();
+      }
+    }
+    // The oldest; there must be one.
+    Event take() noexcept {
+      Event event = std::move(slots_[first_]);
+      first_ = (first_ + 1) % slots_.size();
+      --count_;
+      return event;
+    }
+
+   private:
+    std::vector<Event> slots_;
+    std::size_t first_ = 0, count_ = 0;
   };
   using Opened = stgs::Result<std::unique_ptr<stgs::player::Player>>;
 
@@ -42,14 +69,14 @@ struct stgs_player {
   bool playing = false, loop = false;
   double rate = 1;
 
-  std::deque<Event> events;
+  Events events;
   Event told;  // the last that was taken
 
   // Calls `open` on a thread of its own.
   void begin_opening(std::function<Opened()> open);
   // Takes note of the end of opening, where it has ended or is waited for.
   void note_opened(bool wait);
-  void tell(Event event);
+  void tell(Event event) noexcept;
   // Takes what the player tells.
   void take_events();
 

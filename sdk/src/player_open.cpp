@@ -15,6 +15,8 @@ using stgs::sdk::Outcome;
 
 namespace {
 
+constexpr const char* kNoMemory = "no memory";  // short enough for a string to take none
+
 Outcome check_closed(const stgs_player& player) {
   if (player.opening.valid()) return {STGS_ERROR_STATE, "a file is being opened already"};
   if (player.player == nullptr) return {};
@@ -80,7 +82,7 @@ Outcome stgs_player::take_opened() {
     scene.timeline = &player->timeline();
     return {};
   } catch (const std::bad_alloc&) {
-    return {STGS_ERROR_OUT_OF_MEMORY, "not enough memory to open the file"};
+    return {STGS_ERROR_OUT_OF_MEMORY, kNoMemory};
   } catch (const std::exception& e) {
     return {STGS_ERROR_RUNTIME, fmt::format("the file could not be opened: {}", e.what())};
   }
@@ -92,12 +94,7 @@ void stgs_player::note_opened(bool wait) {
   opened = take_opened();
   has_ended = true;
   const bool ok = opened.result == STGS_OK;
-  if (ok) {
-    scene.tell_damage();
-  } else {
-    interrupt = nullptr;  // closes a source of the caller's
-    scene.log(STGS_LOG_ERROR, opened.status.message());
-  }
+  if (!ok) interrupt = nullptr;  // closes a source of the caller's
   stgs::sdk::LastError error_of_opening;
   error_of_opening.set(opened);
   stgs_error in_words{};
@@ -107,8 +104,17 @@ void stgs_player::note_opened(bool wait) {
   event.event.kind = ok ? STGS_EVENT_OPENED : STGS_EVENT_FAILED;
   event.event.result = in_words.result;
   event.event.offset = in_words.offset;
-  event.message = in_words.message;
+  try {
+    event.message = in_words.message;
+  } catch (const std::bad_alloc&) {
+    event.message = kNoMemory;
+  }
   tell(std::move(event));
+  if (ok) {
+    scene.tell_damage();
+  } else {
+    scene.log(STGS_LOG_ERROR, opened.status.message());
+  }
 }
 
 extern "C" {

@@ -14,9 +14,17 @@ namespace {
 constexpr std::int64_t kNoLimit = std::numeric_limits<std::int64_t>::max();
 std::atomic<std::int64_t> used{0}, start{0}, peak{0}, limit{kNoLimit};
 thread_local int until_failure = 0;  // requests, the failing one among them; 0: none fails
+std::atomic<int> requests{0}, first_failure{0}, last_failure{0};  // of all threads; 0: none fails
+
+bool is_to_fail() {
+  if (until_failure > 0 && --until_failure == 0) return true;
+  if (last_failure == 0) return false;
+  const int request = ++requests;
+  return request >= first_failure && request <= last_failure;
+}
 
 void* take(std::size_t size) {
-  if (until_failure > 0 && --until_failure == 0) throw std::bad_alloc();
+  if (is_to_fail()) throw std::bad_alloc();
   // Before it is asked for: a limit that is found to be passed afterwards is none.
   const auto asked = static_cast<std::int64_t>(size);
   if (asked < 0 || used + asked > limit) {
@@ -92,6 +100,15 @@ void unlimit_heap() {
 }
 void fail_request(int nth) {
   until_failure = nth;
+}
+void fail_requests(int first, int last) {
+  last_failure = 0;
+  requests = 0;
+  first_failure = first;
+  last_failure = last;
+}
+bool have_failed() {
+  return requests >= first_failure;
 }
 std::uint64_t heap_used() {
   return static_cast<std::uint64_t>(used);

@@ -15,6 +15,11 @@ void unlimit_heap();
 // This thread's `nth` request from here on (1: the next) finds no memory; 0: none does, which is so
 // at first.
 void fail_request(int nth);
+// Requests of all threads from number `first` (1: the next) to `last` find no memory; 0, 0: all do,
+// which is so at first.
+void fail_requests(int first, int last);
+// Whether one of them has come.
+bool have_failed();
 // Bytes in use now.
 std::uint64_t heap_used();
 

@@ -5,6 +5,8 @@
 #include <exception>
 #include <utility>
 
+#include "stream/no_memory.h"
+
 namespace stgs::player {
 namespace {
 
@@ -58,7 +60,7 @@ void Follower::run() {
       grown = look();
     } catch (const std::exception& e) {
       tell_trouble(Trouble::kUnread,
-                   {code_of(e), fmt::format("{}: {}", source_->name(), e.what())});
+                   failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
     }
     const double now = clock_seconds();
     pace_.found(grown, now);
@@ -102,12 +104,12 @@ bool Follower::take_snapshot() {
   tell_trouble(Trouble::kNone, {});
   if ((*opened)->incomplete_bytes() == 0) again_ = false;
   if ((*opened)->file_bytes() <= reader_->file_bytes()) return false;
+  store_.grow(*opened);
   reader_ = *opened;
-  store_.grow(reader_);
   return true;
 }
 
-void Follower::tell_trouble(Trouble trouble, const Status& status) {
+void Follower::tell_trouble(Trouble trouble, const Status& status) noexcept {
   const Trouble before = std::exchange(trouble_, trouble);
   if (trouble == before) return;
   {
@@ -117,24 +119,24 @@ void Follower::tell_trouble(Trouble trouble, const Status& status) {
   if (before == Trouble::kReplaced) on_replaced_(false, {});
   if (trouble == Trouble::kNone) return;
   if (trouble == Trouble::kReplaced) return on_replaced_(true, status.message());
-  PlayerEvent event;
-  event.kind =
+  const auto kind =
       trouble == Trouble::kDamaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost;
-  event.offset = reader_->file_bytes();
-  event.code = status.code();
-  event.message = status.message();
-  store_.tell(std::move(event));
+  store_.tell(event_of(kind, reader_->file_bytes(), status.code(), status.message()));
 }
 
-void Follower::tell_stall(double now) {
+void Follower::tell_stall(double now) noexcept {
   if (stall_told_ || pace_.idle_for(now) < settings_.stall_seconds) return;
   stall_told_ = true;
   PlayerEvent event;
   event.kind = PlayerEvent::Kind::kStalled;
   event.offset = reader_->file_bytes();
   event.code = StatusCode::kIo;
-  event.message =
-      fmt::format("{}: nothing has been added for {:.1f} s", source_->name(), pace_.idle_for(now));
+  try {
+    event.message = fmt::format("{}: nothing has been added for {:.1f} s", source_->name(),
+                                pace_.idle_for(now));
+  } catch (const std::bad_alloc&) {
+    event.message = kNoMemory;
+  }
   store_.tell(std::move(event));
 }
 

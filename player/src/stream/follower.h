@@ -39,8 +39,8 @@ class Follower {
   bool wait();
   bool look();
   bool take_snapshot();
-  void tell_trouble(Trouble trouble, const Status& status);
-  void tell_stall(double now);
+  void tell_trouble(Trouble trouble, const Status& status) noexcept;
+  void tell_stall(double now) noexcept;
 
   SegmentStore& store_;
   const std::shared_ptr<PieceSource> source_;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "stgs/format/parallel.h"
+#include "stream/no_memory.h"
 #include "stream/segment_store.h"
 
 namespace stgs::player {
@@ -35,8 +36,9 @@ Status SegmentStore::decode(const SceneReader& reader, std::uint32_t segment, bo
     held = std::make_shared<const HeldSegment>(std::move(set).value(), settings_.memory);
     return {};
   } catch (const std::exception& e) {
-    return {code_of(e),
-            fmt::format("{}: cannot hold segment {}: {}", source_->name(), segment, e.what())};
+    return failure(e, [&] {
+      return fmt::format("{}: cannot hold segment {}: {}", source_->name(), segment, e.what());
+    });
   }
 }
 
@@ -65,16 +67,26 @@ void SegmentStore::decode_segments() {
   }
 }
 
+// false: there is no memory for that.
+bool SegmentStore::note_loss(const Piece& piece, const Status& status) noexcept {
+  try {
+    losses_.push_back({piece.segment, piece.harmonics, status});
+    return true;
+  } catch (const std::bad_alloc&) {
+    return false;
+  }
+}
+
 void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
                                 std::shared_ptr<const HeldSegment> held, const Status& base,
-                                const Status& harmonics) {
-  // Damage stays; what this machine could not do now it may do later.
+                                const Status& harmonics) noexcept {
+  // Damage stays, once it has been noted; what this machine could not do now it may do later.
   const auto lost = [this](const Piece& piece, const Status& status) {
     const bool damaged =
         status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
-    const bool for_ever = damaged || status.code() == StatusCode::kNotBuilt;
+    const bool for_ever =
+        (damaged || status.code() == StatusCode::kNotBuilt) && note_loss(piece, status);
     lose(piece, for_ever, damaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost, status);
-    if (for_ever) losses_.push_back({piece.segment, piece.harmonics, status});
   };
   Entry& entry = entries_[segment];
   if (!base.ok()) return lost({segment, false}, base);

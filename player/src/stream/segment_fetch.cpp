@@ -5,7 +5,9 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <utility>
 
+#include "stream/no_memory.h"
 #include "stream/segment_store.h"
 
 namespace stgs::player {
@@ -120,12 +122,16 @@ bool SegmentStore::is_decoding() const {
                                       [](const Entry& entry) { return entry.decoding; });
 }
 
-// Puts the next run into `taken`; false where there is none.
+// Puts the next run into `taken`; false where there is none. What throws leaves there what is
+// to be given back.
 bool SegmentStore::next_run(double now, Runs& taken) {
   const std::optional<Piece> first = next_piece(now);
   if (!first) return false;
   const double urgency = urgency_of(*first);
+  const std::uint64_t offset = piece_offset(*first), bytes = piece_bytes(*first);
+  taken.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
   if (!take(*first, urgency)) {
+    taken.pop_back();
     if (running_.empty() && !is_decoding()) full_from_ = std::min(full_from_, urgency);
     // What the viewer waits for and cannot have is passed over, or he would wait for ever.
     const bool layer0 =
@@ -137,8 +143,6 @@ bool SegmentStore::next_run(double now, Runs& taken) {
     }
     return false;
   }
-  const std::uint64_t offset = piece_offset(*first), bytes = piece_bytes(*first);
-  taken.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
   extend(taken.back(), urgency, now);
   return true;
 }
@@ -157,17 +161,35 @@ void SegmentStore::extend(Run& run, double urgency, double now) {
     const std::uint64_t bytes = begin - run.offset + piece_bytes(piece);
     const double most = static_cast<double>(bytes) <= brief ? kForEver : alike;
     if (bytes > kRun || !wanted(piece, now) || !in_time(piece) || urgency_of(piece) > most) return;
-    if (!take(piece, urgency_of(piece))) return;
-    run.bytes = bytes;
     run.pieces.push_back({piece, begin, piece_bytes(piece)});
+    if (!take(piece, urgency_of(piece))) return run.pieces.pop_back();
+    run.bytes = bytes;
+  }
+}
+
+// A run that was not begun.
+void SegmentStore::give_back(const Run& run) noexcept {
+  for (const PlacedPiece& own : run.pieces) {
+    if (state(own.piece).at == At::kComing) release(own.piece, At::kAway);
   }
 }
 
 void SegmentStore::fetch_pieces() {
+  bool is_short = false;  // of memory, which is told once
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     Runs own;
-    if (!next_run(clock_seconds(), own)) {
+    bool found = false;
+    try {
+      found = next_run(clock_seconds(), own);
+      is_short = false;
+    } catch (const std::exception& e) {
+      for (const Run& run : own) give_back(run);
+      if (!std::exchange(is_short, true)) {
+        add_event(event_of(PlayerEvent::Kind::kLost, 0, code_of(e), kNoMemory));
+      }
+    }
+    if (!found) {
       // Not for ever: what was lost is tried again.
       to_fetch_.wait_for(lock, std::chrono::milliseconds(100));
       continue;
@@ -183,8 +205,9 @@ void SegmentStore::fetch_pieces() {
       if (status.ok() && bytes.size() == run->bytes) put(*run, bytes);
     } catch (const std::exception& e) {
       bytes.clear();
-      status = {code_of(e),
-                fmt::format("{}: cannot hold {} bytes: {}", source_->name(), run->bytes, e.what())};
+      status = failure(e, [&] {
+        return fmt::format("{}: cannot hold {} bytes: {}", source_->name(), run->bytes, e.what());
+      });
     }
     const bool came = status.ok() && bytes.size() == run->bytes;
     lock.lock();
@@ -237,7 +260,7 @@ void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
 }
 
 // After a run that has come, was given up, or failed.
-void SegmentStore::settle(const Run& run, bool came, const Status& status) {
+void SegmentStore::settle(const Run& run, bool came, const Status& status) noexcept {
   for (const auto& [piece, offset, bytes] : run.pieces) {
     if (run.generation != generation_) {
       source_->drop(offset);

@@ -7,17 +7,41 @@
 #include <limits>
 #include <utility>
 
+#include "stream/no_memory.h"
+
 namespace stgs::player {
 namespace {
 
 constexpr double kForEver = std::numeric_limits<double>::infinity();
+
+std::uint64_t offset_of(const SegmentInfo& segment, bool harmonics) {
+  return harmonics ? segment.harmonics_offset : segment.offset;
+}
+std::uint64_t bytes_of(const SegmentInfo& segment, bool harmonics) {
+  return harmonics ? segment.harmonics_bytes : segment.bytes;
+}
+
+// Of the segments from `first` on, by offset.
+std::vector<Piece> pieces_from(const std::vector<SegmentInfo>& segments, std::size_t first) {
+  std::vector<Piece> out;
+  for (std::size_t s = first; s < segments.size(); ++s) {
+    for (const bool harmonics : {false, true}) {
+      if (bytes_of(segments[s], harmonics) == 0) continue;
+      out.push_back({static_cast<std::uint32_t>(s), harmonics});
+    }
+  }
+  const auto offset = [&](const Piece& p) { return offset_of(segments[p.segment], p.harmonics); };
+  std::sort(out.begin(), out.end(),
+            [&](const Piece& a, const Piece& b) { return offset(a) < offset(b); });
+  return out;
+}
 
 }  // namespace
 
 SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
                            std::shared_ptr<PieceSource> source, const PlayerSettings& settings)
     : source_(std::move(source)), settings_(settings), reader_(std::move(reader)) {
-  list_segments();
+  take_reader(reader_);
   motion_.duration = reader_->metadata().frames;
   start_threads();
 }
@@ -25,29 +49,6 @@ SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
 SegmentStore::~SegmentStore() {
   stop();
   for (std::thread& thread : threads_) thread.join();
-}
-
-// Lists the segments of the reader that are not listed yet; they follow the others in the file.
-void SegmentStore::list_segments() {
-  const std::vector<SegmentInfo>& segments = reader_->segments();
-  const std::size_t first = entries_.size(), first_in_file = in_file_.size();
-  entries_.resize(segments.size());
-  for (std::size_t s = first; s < segments.size(); ++s) {
-    tiers_ = std::max(tiers_, segments[s].tier + 1);
-    if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
-    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
-    if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
-    for (const bool harmonics : {false, true}) {
-      const Piece piece{static_cast<std::uint32_t>(s), harmonics};
-      if (piece_bytes(piece) > 0) in_file_.push_back(piece);
-    }
-  }
-  std::sort(in_file_.begin() + static_cast<std::ptrdiff_t>(first_in_file), in_file_.end(),
-            [this](const Piece& a, const Piece& b) { return piece_offset(a) < piece_offset(b); });
-  places_.resize(2 * segments.size());
-  for (std::size_t i = first_in_file; i < in_file_.size(); ++i) {
-    places_[2 * std::size_t{in_file_[i].segment} + (in_file_[i].harmonics ? 1 : 0)] = i;
-  }
 }
 
 // Whether the reader's segments begin with those that are listed, and the rest lies behind them.
@@ -61,6 +62,33 @@ bool SegmentStore::goes_on(const SceneReader& reader) const {
          std::equal(before.begin(), before.end(), now.begin(), same) &&
          std::all_of(now.begin() + static_cast<std::ptrdiff_t>(before.size()), now.end(),
                      [&](const SegmentInfo& s) { return s.offset >= reader_->file_bytes(); });
+}
+
+// Lists the segments of a reader that are not listed yet; they follow the others in the file. All
+// that can throw comes before all that changes.
+void SegmentStore::take_reader(std::shared_ptr<const SceneReader> reader) {
+  const std::vector<SegmentInfo>& segments = reader->segments();
+  // A fragment of the index that was damaged leaves out what a later one may list again.
+  const bool anew = !goes_on(*reader);
+  const std::vector<Piece> more = pieces_from(segments, anew ? 0 : entries_.size());
+  reserve_for(entries_, segments.size());
+  reserve_for(in_file_, (anew ? 0 : in_file_.size()) + more.size());
+  reserve_for(places_, 2 * segments.size());
+  if (anew) forget_segments();
+  reader_ = std::move(reader);
+  const std::size_t first = entries_.size();
+  entries_.resize(segments.size());
+  for (std::size_t s = first; s < segments.size(); ++s) {
+    tiers_ = std::max(tiers_, segments[s].tier + 1);
+    if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
+    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
+    if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
+  }
+  places_.resize(2 * segments.size());
+  for (const Piece& piece : more) {
+    places_[2 * std::size_t{piece.segment} + (piece.harmonics ? 1 : 0)] = in_file_.size();
+    in_file_.push_back(piece);
+  }
 }
 
 // What is under way of them goes when it has come.
@@ -81,10 +109,7 @@ void SegmentStore::forget_segments() {
 void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
   {
     const std::lock_guard lock(mutex_);
-    // A fragment of the index that was damaged leaves out what a later one may list again.
-    if (!goes_on(*reader)) forget_segments();
-    reader_ = std::move(reader);
-    list_segments();
+    take_reader(std::move(reader));
   }
   to_fetch_.notify_all();
 }
@@ -110,19 +135,8 @@ void SegmentStore::start_threads() {
   }
 }
 
-// Where there is no memory left even for its own lists, a thread tells and ends.
 void SegmentStore::run_thread(void (SegmentStore::*work)()) {
-  threads_.emplace_back([this, work] {
-    try {
-      (this->*work)();
-    } catch (const std::exception& e) {
-      PlayerEvent event;
-      event.kind = PlayerEvent::Kind::kLost;
-      event.code = StatusCode::kRuntime;
-      event.message = e.what();
-      tell(std::move(event));
-    }
-  });
+  threads_.emplace_back([this, work] { (this->*work)(); });
 }
 
 void SegmentStore::stop() {
@@ -237,7 +251,7 @@ StreamStatistics SegmentStore::statistics() const {
 
 std::vector<PlayerEvent> SegmentStore::take_events() {
   const std::lock_guard lock(mutex_);
-  return std::exchange(events_, {});
+  return events_.take();
 }
 
 std::vector<Loss> SegmentStore::losses() const {
@@ -245,20 +259,22 @@ std::vector<Loss> SegmentStore::losses() const {
   return losses_;
 }
 
-void SegmentStore::tell(PlayerEvent event) {
+void SegmentStore::tell(PlayerEvent event) noexcept {
   const std::lock_guard lock(mutex_);
+  add_event(std::move(event));
+}
+
+void SegmentStore::add_event(PlayerEvent event) noexcept {
   event.seconds = reader_->metadata().time_base.seconds(motion_.ticks);
-  events_.push_back(std::move(event));
+  events_.add(std::move(event));
 }
 
 std::uint64_t SegmentStore::piece_bytes(const Piece& piece) const {
-  const SegmentInfo& segment = reader_->segments()[piece.segment];
-  return piece.harmonics ? segment.harmonics_bytes : segment.bytes;
+  return bytes_of(reader_->segments()[piece.segment], piece.harmonics);
 }
 
 std::uint64_t SegmentStore::piece_offset(const Piece& piece) const {
-  const SegmentInfo& segment = reader_->segments()[piece.segment];
-  return piece.harmonics ? segment.harmonics_offset : segment.offset;
+  return offset_of(reader_->segments()[piece.segment], piece.harmonics);
 }
 
 std::uint64_t SegmentStore::memory_of(const Piece& piece) const {
@@ -337,7 +353,7 @@ void SegmentStore::drop(std::uint32_t segment) {
 
 // A piece that could not be had: tried again, each time after twice as long, or never.
 void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
-                        const Status& status) {
+                        const Status& status) noexcept {
   constexpr double kLongest = 60;  // seconds
   release(piece, At::kLost);
   PieceState& own = state(piece);
@@ -350,13 +366,7 @@ void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kin
       state(harmonics).at == At::kHere) {
     release(harmonics, At::kAway);
   }
-  PlayerEvent event;
-  event.kind = kind;
-  event.seconds = reader_->metadata().time_base.seconds(motion_.ticks);
-  event.offset = piece_offset(piece);
-  event.code = status.code();
-  event.message = status.message();
-  events_.push_back(std::move(event));
+  add_event(event_of(kind, piece_offset(piece), status.code(), status.message()));
 }
 
 }  // namespace stgs::player

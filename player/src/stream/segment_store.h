@@ -16,6 +16,7 @@
 #include "held_segment.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/player.h"
+#include "stream/event_queue.h"
 #include "stream/need.h"
 #include "stream/piece_source.h"
 #include "stream/throughput.h"
@@ -42,7 +43,7 @@ class SegmentStore {
     std::uint64_t generation = 0;
   };
   Known known() const;
-  // The file has grown: `reader` is one of what it is now.
+  // The file has grown: `reader` is one of what it is now. Where that throws, it has not.
   void grow(std::shared_ptr<const SceneReader> reader);
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
@@ -66,7 +67,7 @@ class SegmentStore {
   // What has happened since the last call.
   std::vector<PlayerEvent> take_events();
   // Adds one, at the moment of the motion.
-  void tell(PlayerEvent event);
+  void tell(PlayerEvent event) noexcept;
 
  private:
   enum class At { kAway, kComing, kHere, kLost };  // kLost: not to be had, for now or for ever
@@ -112,7 +113,7 @@ class SegmentStore {
 
   static double clock_seconds();
   bool goes_on(const SceneReader& reader) const;
-  void list_segments();
+  void take_reader(std::shared_ptr<const SceneReader> reader);
   void forget_segments();
   void start_threads();
   void run_thread(void (SegmentStore::*work)());
@@ -122,7 +123,9 @@ class SegmentStore {
   bool can_drop(std::uint32_t segment) const;
   bool make_room(std::uint64_t bytes, double urgency);
   void drop(std::uint32_t segment);
-  void lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind, const Status& status);
+  void add_event(PlayerEvent event) noexcept;
+  void lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
+            const Status& status) noexcept;
 
   // segment_fetch.cpp
   void fetch_pieces();
@@ -146,7 +149,8 @@ class SegmentStore {
   bool given_up(const Run& run) const;
   Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
   void put(const Run& run, std::span<const std::uint8_t> bytes);
-  void settle(const Run& run, bool came, const Status& status);
+  void settle(const Run& run, bool came, const Status& status) noexcept;
+  void give_back(const Run& run) noexcept;
 
   // segment_decoding.cpp
   void decode_segments();
@@ -155,7 +159,8 @@ class SegmentStore {
                 std::shared_ptr<const HeldSegment>& held, Status& harmonics) const;
   void take_decoded(std::uint32_t segment, bool with_harmonics,
                     std::shared_ptr<const HeldSegment> held, const Status& base,
-                    const Status& harmonics);
+                    const Status& harmonics) noexcept;
+  bool note_loss(const Piece& piece, const Status& status) noexcept;
 
   const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
@@ -177,7 +182,7 @@ class SegmentStore {
   double full_from_ = std::numeric_limits<double>::infinity();
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0, stored_primitives_ = 0;
-  std::vector<PlayerEvent> events_;
+  EventQueue events_;
   std::vector<Loss> losses_;
   std::vector<std::thread> threads_;
 };

@@ -98,7 +98,9 @@ std::uint64_t IndexCache::bytes() const {
   return sum;
 }
 
-Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<PieceSource>& source,
+namespace {
+
+Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<PieceSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory) {
@@ -120,6 +122,20 @@ Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<P
     cache.clear();
   }
   return std::shared_ptr<const SceneReader>(std::move(reader));
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<PieceSource>& source,
+                                                         IndexCache& cache,
+                                                         const ReadLimits& limits,
+                                                         std::pmr::memory_resource* memory) {
+  try {
+    return read_snapshot(source, cache, limits, memory);
+  } catch (const std::exception&) {
+    cache.keep();
+    throw;
+  }
 }
 
 }  // namespace stgs::player

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "stgs/format/parallel.h"
+#include "stream/no_memory.h"
 
 namespace stgs::player {
 namespace {
@@ -78,12 +79,13 @@ class StreamTimeline final : public Timeline {
   void look_again() {
     SegmentStore::Known now = store_.known();
     if (now.reader == known_.reader) return;
-    if (now.generation != known_.generation) {
-      id_base_.clear();
-      identity_ = std::make_shared<char>();
-    }
+    const bool anew = now.generation != known_.generation;
+    const std::vector<SegmentInfo>& segments = now.reader->segments();
+    // All that can throw comes before all that changes.
+    reserve_for(id_base_, segments.size());
+    if (anew) identity_ = std::make_shared<char>();
+    if (anew) id_base_.clear();
     known_ = std::move(now);
-    const std::vector<SegmentInfo>& segments = reader().segments();
     for (std::size_t s = id_base_.size(); s < segments.size(); ++s) {
       id_base_.push_back(s > 0 ? id_base_[s - 1] + segments[s - 1].primitives : 0);
     }

@@ -8,10 +8,12 @@
 #include <vector>
 
 #include "stgs/player/player.h"
+#include "stream/event_queue.h"
+#include "stream/no_memory.h"
 
 namespace stgs::player {
 
-// Thread-safe.
+// Thread-safe; to add one does not throw.
 class TransferEvents {
  public:
   void add(const TransferEvent& event) {
@@ -31,22 +33,18 @@ class TransferEvents {
   }
   std::vector<PlayerEvent> take() {
     const std::lock_guard lock(mutex_);
-    return std::exchange(events_, {});
+    return events_.take();
   }
 
  private:
-  void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) {
-    PlayerEvent event;
-    event.kind = kind;
-    event.offset = offset;
-    event.code = StatusCode::kIo;
-    event.message = message;
+  void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
+    PlayerEvent event = event_of(kind, offset, StatusCode::kIo, message);
     const std::lock_guard lock(mutex_);
-    events_.push_back(std::move(event));
+    events_.add(std::move(event));
   }
 
   std::mutex mutex_;
-  std::vector<PlayerEvent> events_;
+  EventQueue events_;
   bool replaced_ = false;
 };
 

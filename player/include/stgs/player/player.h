@@ -82,6 +82,7 @@ struct PlayerSettings {
 };
 
 inline constexpr double kMinRate = -2, kMaxRate = 4;
+inline constexpr std::size_t kMostEvents = 1024;  // that are kept until they are taken
 
 enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
 
@@ -169,7 +170,7 @@ class Player {
   // Where play does not have to wait.
   virtual std::vector<TimeRange> buffered() const = 0;
   virtual StreamStatistics statistics() const = 0;
-  // What has happened since the last call, in order.
+  // What has happened since the last call, in order; the last kMostEvents of it.
   virtual std::vector<PlayerEvent> take_events() = 0;
 };
 
