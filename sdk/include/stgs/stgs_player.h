@@ -69,8 +69,9 @@ STGS_API stgs_result stgs_player_settings_defaults(stgs_player_settings* setting
  * after an error, else the caller's. */
 STGS_API stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out);
 /* Ends the player at any moment, and its scene: neither may be in use. Opening and reads of a URL
- * are broken off; of an stgs_io it waits for the reads that are under way, which end sooner where
- * it has `interrupt`; of an stgs_async_io it waits for none. */
+ * are broken off, but libcurl before 7.87 still waits for a server's name; of an stgs_io it waits
+ * for the reads that are under way, which end sooner where it has `interrupt`; of an stgs_async_io
+ * it waits for none. */
 STGS_API void stgs_player_destroy(stgs_player* player);
 /* Of the last call on the player but this one. error->struct_size is set by the caller. */
 STGS_API stgs_result stgs_player_error(const stgs_player* player, stgs_error* error);
