@@ -266,7 +266,9 @@ TEST_CASE("the entries of an index and the rows of layouts count as memory") {
     }
   }
   const Bytes layouts = write_record(kLayoutTag, rows.take());
-  const Bytes one = write_record(kIndexTag, write_index({.chunk_ticks = 1}, {}));
+  FileIndex empty;
+  empty.chunk_ticks = 1;
+  const Bytes one = write_record(kIndexTag, write_index(empty, {}));
   const Bytes wide = file_of({meta, layouts, one});
   CHECK(opening(wide, (2550 - 1024) * 128).ok());
   CHECK(opening(wide, (2550 - 1024) * 128 - 1).code() == StatusCode::kUnsupported);
