@@ -9,6 +9,7 @@
 #include <set>
 #include <thread>
 
+#include "alive.h"
 #include "held_segment.h"
 #include "scene_fixture.h"
 #include "stgs/player/player.h"
@@ -177,18 +178,6 @@ struct Playing {
   std::vector<PlayerEvent> events;
   double now = 100;
 };
-
-// Fingerprints of what is alive.
-std::multiset<std::string> alive(Timeline& timeline, double seconds) {
-  const auto active = timeline.at(seconds);
-  REQUIRE(active.ok());
-  std::multiset<std::string> out;
-  for (const auto& part : active->parts) {
-    const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
-    out.insert(prints.begin(), prints.end());
-  }
-  return out;
-}
 
 std::multiset<std::string> alive_in_file(double seconds) {
   auto reader = SceneReader::open(memory_source(clip().bytes));

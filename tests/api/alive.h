@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a timeline shows at a moment.
+#pragma once
+
+#include <catch2/catch.hpp>
+#include <set>
+#include <string>
+
+#include "stgs/player/timeline.h"
+#include "stretch_fixture.h"
+
+namespace stgs::player {
+
+// Fingerprints of what is alive.
+inline std::multiset<std::string> alive(Timeline& timeline, double seconds) {
+  const auto active = timeline.at(seconds);
+  REQUIRE(active.ok());
+  std::multiset<std::string> out;
+  for (const auto& part : active->parts) {
+    const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
+    out.insert(prints.begin(), prints.end());
+  }
+  return out;
+}
+
+}  // namespace stgs::player
