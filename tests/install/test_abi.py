@@ -62,12 +62,12 @@ def build(name, folder, texts, symbol_map):
     source += "".join(f"enum of_{constant} {{ value_of_{constant} = {constant} }};\n"
                       f"STGS_API enum of_{constant} constant_{constant}(void) "
                       "{ __builtin_trap(); }\n" for constant in constants(every))
-    write(source, folder, "stub.c")
-    write(symbol_map.replace("global:", "global: constant_*;", 1), folder, "stub.map")
+    write(source, folder, "interface.c")
+    write(symbol_map.replace("global:", "global: constant_*;", 1), folder, "interface.map")
     built = os.path.join(folder, f"lib{name}.so")
     # From within the folder, whose name the baseline would tell else.
-    subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", "-I.", "stub.c",
-                    "-Wl,--version-script=stub.map", f"-Wl,-soname,lib{name}.so.0", "-o", built],
+    subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", "-I.", "interface.c",
+                    "-Wl,--version-script=interface.map", f"-Wl,-soname,lib{name}.so.0", "-o", built],
                    check=True, cwd=folder)
     return built
 

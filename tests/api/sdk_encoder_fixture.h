@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// Encoders of the C interface, what they report, and captures for them.
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "sdk_fixture.h"
+#include "stgs/stgs_encoder.h"
+#include "struct_sizes.h"
+#include "synthetic_capture.h"
+
+namespace stgs::testing {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<char>;
+
+// A folder of the test's own, removed with it.
+class WorkFolder {
+ public:
+  WorkFolder() : path_(fs::temp_directory_path() / fmt::format("stgs-encoder-{}", ::getpid())) {
+    fs::remove_all(path_);
+    fs::create_directories(path_);
+  }
+  ~WorkFolder() { fs::remove_all(path_); }
+  std::string at(const std::string& name) const { return (path_ / name).string(); }
+  // What is in it, hidden files too.
+  std::vector<std::string> names() const {
+    std::vector<std::string> out;
+    for (const auto& entry : fs::directory_iterator(path_)) {
+      out.push_back(entry.path().filename().string());
+    }
+    std::sort(out.begin(), out.end());
+    return out;
+  }
+
+ private:
+  fs::path path_;
+};
+
+inline Bytes bytes_of(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+struct DestroyEncoder {
+  void operator()(stgs_encoder* encoder) const { stgs_encoder_destroy(encoder); }
+};
+
+// An encoder that notes what it is told, and asks `stop` whether to.
+class Watched {
+ public:
+  explicit Watched(std::uint32_t threads = 0) {
+    stgs_encoder_settings settings;
+    REQUIRE(stgs_encoder_settings_defaults(&settings, sizeof settings) == STGS_OK);
+    settings.threads = threads;
+    settings.progress_user = settings.log_user = this;
+    settings.progress = [](void* user, const stgs_encoder_progress* progress) -> std::int32_t {
+      return static_cast<Watched*>(user)->on_progress(*progress);
+    };
+    settings.log = [](void* user, stgs_log_level, const char* message) {
+      static_cast<Watched*>(user)->lines.emplace_back(message);
+    };
+    stgs_encoder* made = nullptr;
+    REQUIRE(stgs_encoder_create(&settings, &made) == STGS_OK);
+    encoder_.reset(made);
+  }
+
+  stgs_encoder* get() const { return encoder_.get(); }
+  stgs_error error() const {
+    stgs_error error{};
+    error.struct_size = sizeof error;
+    REQUIRE(stgs_encoder_error(get(), &error) == STGS_OK);
+    return error;
+  }
+  bool saw(const std::string& stage) const {
+    return std::find(stages.begin(), stages.end(), stage) != stages.end();
+  }
+
+  std::function<bool(const stgs_encoder_progress&)> stop;
+  std::vector<std::string> stages, lines;
+  int calls_after_stop = 0;
+  bool monotone = true;
+  stgs_encoder_progress last_training{};
+
+ private:
+  std::int32_t on_progress(const stgs_encoder_progress& progress) {
+    if (stopped_) ++calls_after_stop;
+    if (stages.empty() || stages.back() != progress.stage) {
+      // No stage comes twice: what is done can be shown as one bar after another.
+      monotone = monotone && !saw(progress.stage);
+      stages.emplace_back(progress.stage);
+      done_ = 0;
+    }
+    monotone = monotone && progress.done >= done_ && progress.done <= 1;
+    done_ = progress.done;
+    if (stages.back() == "train") last_training = progress;
+    stopped_ = stop && stop(progress);
+    return stopped_ ? 1 : 0;
+  }
+
+  std::unique_ptr<stgs_encoder, DestroyEncoder> encoder_;
+  double done_ = 0;
+  bool stopped_ = false;
+};
+
+// A prepared capture that needs no OpenCV.
+class Prepared {
+ public:
+  Prepared() : synthetic_(fmt::format("sdk_encoder_{}", ::getpid())) {}
+  std::string folder() const { return synthetic_.capture.folder; }
+  std::string at(const std::string& name) const { return folder() + "/" + name; }
+
+ private:
+  test::SyntheticCapture synthetic_;
+};
+
+inline stgs_train_settings short_training(std::uint32_t iterations = 60) {
+  stgs_train_settings settings;
+  REQUIRE(stgs_train_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  settings.preset = STGS_PRESET_FAST;
+  settings.backend = STGS_BACKEND_CPU;
+  settings.iterations = iterations;
+  settings.max_primitives = 600;
+  return settings;
+}
+inline stgs_pack_settings packing() {
+  stgs_pack_settings settings;
+  REQUIRE(stgs_pack_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  return settings;
+}
+template <typename Report>
+Report empty_report() {
+  Report report{};
+  report.struct_size = sizeof report;
+  return report;
+}
+
+inline stgs_result pack_one(const Watched& encoder, const std::string& scene,
+                            const std::string& output, const stgs_pack_settings* settings = nullptr,
+                            stgs_pack_report* report = nullptr) {
+  const char* const scenes[] = {scene.c_str()};
+  return stgs_encoder_pack(encoder.get(), scenes, 1, output.c_str(), settings, report);
+}
+
+}  // namespace stgs::testing
