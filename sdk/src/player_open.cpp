@@ -42,6 +42,8 @@ stgs_result open_bytes(stgs_player* player, const void* data, std::size_t bytes,
     STGS_SDK_TRY(check_closed(*player));
     if (data == nullptr) return {STGS_ERROR_ARGUMENT, "data is NULL"};
     const auto* begin = static_cast<const std::uint8_t*>(data);
+    // What is too large is refused in the opening, and needs no copy for that.
+    copy = copy && bytes <= player->wanted.max_file_bytes;
     const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(
         copy ? stgs::sdk::copied_source({begin, bytes}, player->wanted.memory)
              : stgs::sdk::borrowed_source({begin, bytes}));

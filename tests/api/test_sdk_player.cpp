@@ -282,6 +282,17 @@ TEST_CASE("nothing is read of a file that is larger than a player takes", "[sdk]
   CHECK(file.closed == 1);
 }
 
+TEST_CASE("memory that is larger than a player takes is not copied", "[sdk]") {
+  stgs_player_settings settings = player_settings();
+  settings.max_file_bytes = 100;
+  // A byte that is there, and a length that nobody could copy.
+  for (const std::size_t bytes : {std::size_t{1} << 46, std::numeric_limits<std::size_t>::max()}) {
+    const PlayerPtr player = make_player(&settings);
+    REQUIRE(stgs_player_open_memory_copy(player.get(), clip_file().data(), bytes) == STGS_OK);
+    CHECK(stgs_player_wait_open(player.get()) == STGS_ERROR_LIMIT);
+  }
+}
+
 TEST_CASE("nothing happens when what plays is told to play", "[sdk]") {
   const PlayerPtr player = open_player(clip_file());
   REQUIRE(stgs_player_play(player.get()) == STGS_OK);
