@@ -2,8 +2,6 @@
 // Tiny captures with known cameras, in temporary folders.
 #pragma once
 
-#include <unistd.h>
-
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -15,24 +13,14 @@
 
 #include "src/capture/source_capture.h"
 #include "src/capture/write_frames.h"
+#include "temporary_folder.h"
 
 namespace stgs::encoder::capture_test {
 
 namespace fs = std::filesystem;
+using testing::TemporaryFolder;
 
 constexpr int kWidth = 64, kHeight = 48;
-
-// A folder that goes when the test does.
-struct Folder {
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "stgs_capture_XXXXXX").string();
-    path = ::mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path); }
-  Folder(const Folder&) = delete;
-  std::string operator/(const std::string& below) const { return path + "/" + below; }
-  std::string path;
-};
 
 // Camera i of `count` on a circle of radius 3, looking at the origin; first pixel's centre at +0.5.
 inline Camera known_camera(int i, int count, const std::string& name) {

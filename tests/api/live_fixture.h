@@ -14,6 +14,7 @@
 #include "alive.h"
 #include "stgs/player/player.h"
 #include "stretch_fixture.h"
+#include "temporary_folder.h"
 
 namespace stgs::player::live {
 
@@ -22,18 +23,6 @@ using Bytes = std::vector<std::uint8_t>;
 
 inline constexpr double kFrame = 1.0 / 30, kStretch = testing::kStretchFrames * kFrame;
 inline constexpr std::uint32_t kStretches = 18;  // 6 s
-
-// Removed with what is in it.
-struct Folder {
-  Folder() {
-    std::string made = std::filesystem::temp_directory_path() / "stgs_live_XXXXXX";
-    REQUIRE(::mkdtemp(made.data()) != nullptr);
-    path = made;
-  }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::string file(const std::string& name) const { return path / name; }
-  std::filesystem::path path;
-};
 
 inline Bytes read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -47,8 +36,8 @@ struct Recording {
 };
 
 inline Recording record(unsigned first) {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, testing::recording_metadata(), 1,
                                         testing::recording_settings(Profile::kQuantised));
   REQUIRE(recorder.ok());

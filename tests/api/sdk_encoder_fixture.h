@@ -2,8 +2,6 @@
 // Encoders of the C interface, what they report, and captures for them.
 #pragma once
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -13,34 +11,22 @@
 #include "stgs/stgs_encoder.h"
 #include "struct_sizes.h"
 #include "synthetic_capture.h"
+#include "temporary_folder.h"
 
 namespace stgs::testing {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<char>;
 
-// A folder of the test's own, removed with it.
-class WorkFolder {
- public:
-  WorkFolder() : path_(fs::temp_directory_path() / fmt::format("stgs-encoder-{}", ::getpid())) {
-    fs::remove_all(path_);
-    fs::create_directories(path_);
+// What is in a folder, hidden files too.
+inline std::vector<std::string> names_in(const std::string& folder) {
+  std::vector<std::string> out;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    out.push_back(entry.path().filename().string());
   }
-  ~WorkFolder() { fs::remove_all(path_); }
-  std::string at(const std::string& name) const { return (path_ / name).string(); }
-  // What is in it, hidden files too.
-  std::vector<std::string> names() const {
-    std::vector<std::string> out;
-    for (const auto& entry : fs::directory_iterator(path_)) {
-      out.push_back(entry.path().filename().string());
-    }
-    std::sort(out.begin(), out.end());
-    return out;
-  }
-
- private:
-  fs::path path_;
-};
+  std::sort(out.begin(), out.end());
+  return out;
+}
 
 inline Bytes bytes_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -111,7 +97,6 @@ class Watched {
 // A prepared capture that needs no OpenCV.
 class Prepared {
  public:
-  Prepared() : synthetic_(fmt::format("sdk_encoder_{}", ::getpid())) {}
   std::string folder() const { return synthetic_.capture.folder; }
   std::string at(const std::string& name) const { return folder() + "/" + name; }
 

@@ -131,10 +131,8 @@ void write_initial_points(const encoder::PreparedCapture& capture, const Gaussia
 
 }  // namespace
 
-SyntheticCapture::SyntheticCapture(const std::string& name, int cameras, int frames) {
-  capture.folder = (std::filesystem::temp_directory_path() / ("stgs_" + name)).string();
-  std::filesystem::remove_all(capture.folder);
-  std::filesystem::create_directories(capture.folder);
+SyntheticCapture::SyntheticCapture(int cameras, int frames) {
+  capture.folder = folder.path;
   for (int i = 0; i < cameras; ++i) capture.cameras.push_back(make_camera(i, cameras));
   capture.frames = frames;
   capture.source = "synthetic";
@@ -148,10 +146,6 @@ SyntheticCapture::SyntheticCapture(const std::string& name, int cameras, int fra
   if (!encoder::write_prepared_capture(capture).ok()) {
     throw std::runtime_error("cannot write capture.json");
   }
-}
-
-SyntheticCapture::~SyntheticCapture() {
-  std::filesystem::remove_all(capture.folder);
 }
 
 double held_out_psnr(const SyntheticCapture& synthetic, const Scene& scene) {

@@ -3,19 +3,18 @@
 // wall and one blob that crosses in front of it.
 #pragma once
 
-#include <string>
-
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/scene_file.h"
+#include "temporary_folder.h"
 
 namespace stgs::test {
 
 struct SyntheticCapture {
-  explicit SyntheticCapture(const std::string& name, int cameras = 4, int frames = 6);
-  ~SyntheticCapture();
+  explicit SyntheticCapture(int cameras = 4, int frames = 6);
   SyntheticCapture(const SyntheticCapture&) = delete;
   SyntheticCapture& operator=(const SyntheticCapture&) = delete;
 
+  testing::TemporaryFolder folder;
   encoder::PreparedCapture capture;
   Gaussians4D truth;  // what the frames show
 };

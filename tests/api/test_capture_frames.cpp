@@ -114,7 +114,7 @@ Status write(const std::string& folder, const PrepareSettings& settings, const s
 }
 
 TEST_CASE("videos become the frames asked for, scaled") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 6);
   PrepareSettings settings;
   settings.first_frame = 2;
@@ -148,7 +148,7 @@ TEST_CASE("videos become the frames asked for, scaled") {
 }
 
 TEST_CASE("cameras of different lengths and rates are refused by name") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 4);
   write_video(folder / "cam02.mp4", 2, 3);
   PreparedCapture prepared;
@@ -167,7 +167,7 @@ TEST_CASE("cameras of different lengths and rates are refused by name") {
 }
 
 TEST_CASE("missing and damaged n3dv files are named") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 2);
   fs::remove(folder / "cam01.mp4");
   CHECK(says(load(folder.path).status(), {"poses_bounds.npy", "3 cameras", "2 videos"}));
@@ -181,7 +181,7 @@ TEST_CASE("missing and damaged n3dv files are named") {
 }
 
 // Folders of pictures with a cameras.json.
-void write_picture_capture(const Folder& folder, int frames) {
+void write_picture_capture(const TemporaryFolder& folder, int frames) {
   std::string list;
   for (int i = 0; i < 3; ++i) {
     const Camera c = known_camera(i, 3, "");
@@ -193,7 +193,7 @@ void write_picture_capture(const Folder& folder, int frames) {
 }
 
 TEST_CASE("pictures of mixed sizes, missing and damaged ones are named with camera and frame") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_picture_capture(folder, 3);
   PreparedCapture first;
   REQUIRE(write(folder.path, {}, folder / "out1", first).ok());
@@ -219,7 +219,7 @@ TEST_CASE("pictures of mixed sizes, missing and damaged ones are named with came
 }
 
 TEST_CASE("damaged cameras.json") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_picture_capture(folder, 1);
   shorten(folder / "cameras.json", 10);
   CHECK(says(load(folder.path).status(), {"cameras.json"}));
@@ -241,7 +241,7 @@ std::vector<std::string> entries_of(const std::string& folder) {
 }
 
 TEST_CASE("prepare leaves the whole folder or nothing") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder / "in", 4, 3);
   const std::string out = folder / "out";
   PrepareSettings settings;
@@ -304,7 +304,7 @@ void write_flow(const std::string& path, float u, float v, std::int32_t width = 
 }
 
 TEST_CASE("prepare uses the flow and the masks beside a capture") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string in = folder / "in";
   write_n3dv(in, 4, 3);
   const auto log = [](int, const std::string& line) { log_lines().push_back(line); };
@@ -339,7 +339,7 @@ TEST_CASE("prepare uses the flow and the masks beside a capture") {
 }
 
 TEST_CASE("why a program failed is its own last error line") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string log = folder / "log.txt";
   write_text(log,
              "working\nE20240102 03:04:05.678901  12 a.cc:1] first\n"

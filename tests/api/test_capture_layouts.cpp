@@ -10,7 +10,7 @@ namespace {
 constexpr int kCameras = 5;
 
 TEST_CASE("n3dv: LLFF's poses become world-to-camera, the first camera is held out") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 2);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
@@ -27,7 +27,8 @@ TEST_CASE("n3dv: LLFF's poses become world-to-camera, the first camera is held o
   }
 }
 
-void write_panoptic(const Folder& folder, const std::string& name, int from, int to, int moving) {
+void write_panoptic(const TemporaryFolder& folder, const std::string& name, int from, int to,
+                    int moving) {
   std::string k, w2c, fn, id;
   for (int f = 0; f < 2; ++f) {
     const char* comma = f == 0 ? "" : ",";
@@ -55,7 +56,7 @@ void write_panoptic(const Folder& folder, const std::string& name, int from, int
 }
 
 TEST_CASE("panoptic: cameras, split, masks") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_panoptic(folder, "train_meta.json", 1, kCameras, -1);
   write_panoptic(folder, "test_meta.json", 0, 1, -1);
   const auto capture = load(folder.path);
@@ -88,7 +89,7 @@ TEST_CASE("panoptic: cameras, split, masks") {
 }
 
 TEST_CASE("panoptic: a moving camera is refused by name and frame") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_panoptic(folder, "train_meta.json", 1, kCameras, 3);
   CHECK(says(load(folder.path).status(), {"train_meta.json", "camera '3'", "frame 1"}));
 }
@@ -99,7 +100,7 @@ std::string yaml_matrix(const std::string& name, int rows, int columns,
                      rows, columns, json_list(data));
 }
 
-void write_easyvolcap(const Folder& folder, bool videos) {
+void write_easyvolcap(const TemporaryFolder& folder, bool videos) {
   std::string intri = "%YAML:1.0\n---\nnames:\n";
   for (int i = 0; i < kCameras; ++i) intri += fmt::format("   - \"{:02}\"\n", i);
   std::string extri = intri;
@@ -122,7 +123,7 @@ void write_easyvolcap(const Folder& folder, bool videos) {
 
 TEST_CASE("easyvolcap: OpenCV's integer centres gain half a pixel, the middle camera is held out") {
   const bool videos = GENERATE(false, true);
-  const Folder folder;
+  const TemporaryFolder folder;
   write_easyvolcap(folder, videos);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
@@ -139,7 +140,7 @@ TEST_CASE("easyvolcap: OpenCV's integer centres gain half a pixel, the middle ca
 }
 
 TEST_CASE("easyvolcap: damaged and missing entries are named") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_easyvolcap(folder, false);
   fs::remove_all(folder / "images/03");
   CHECK(says(load(folder.path).status(), {"camera '03'", "images/03"}));
@@ -155,7 +156,7 @@ cv::Vec4d quaternion(const Camera& c) {
   return {w, (r[7] - r[5]) / (4 * w), (r[2] - r[6]) / (4 * w), (r[3] - r[1]) / (4 * w)};
 }
 
-void write_colmap_text(const Folder& folder) {
+void write_colmap_text(const TemporaryFolder& folder) {
   std::string cameras = "# cameras\n", images = "# images\n";
   const char* models[] = {"PINHOLE", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "PINHOLE"};
   const char* tails[] = {"", " 0.1 0.02 0.001 0.002", " 0.1 0 0 0", " 0.1 0 0 0 0 0 0 0", ""};
@@ -175,7 +176,7 @@ void write_colmap_text(const Folder& folder) {
 }
 
 TEST_CASE("colmap: text models of every lens") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_colmap_text(folder);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
@@ -193,7 +194,7 @@ TEST_CASE("colmap: text models of every lens") {
 }
 
 // One camera, one image without features, one point.
-void write_colmap_binary(const Folder& folder) {
+void write_colmap_binary(const TemporaryFolder& folder) {
   const Camera c = known_camera(0, kCameras, "");
   std::string cameras, images, points;
   append<std::uint64_t>(cameras, 1);
@@ -226,7 +227,7 @@ void write_colmap_binary(const Folder& folder) {
 }
 
 TEST_CASE("colmap: the model's points are among the initial ones") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_colmap_text(folder);
   write_text(folder / "sparse/0/points3D.txt", "1 0.25 0.125 -0.25 1 254 3 0.4 1 2 3 4\n");
   const Status status = prepare(folder.path, folder / "out", {}, {}, {});
@@ -240,7 +241,7 @@ TEST_CASE("colmap: the model's points are among the initial ones") {
 }
 
 TEST_CASE("colmap: binary models, a video a camera") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_colmap_binary(folder);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
@@ -255,7 +256,7 @@ TEST_CASE("colmap: binary models, a video a camera") {
 
 TEST_CASE("colmap: a binary model cut anywhere is refused, with the file's name") {
   const std::string file = GENERATE("cameras.bin", "images.bin", "points3D.bin");
-  const Folder folder;
+  const TemporaryFolder folder;
   write_colmap_binary(folder);
   const std::string path = folder / ("sparse/" + file);
   while (fs::file_size(path) > 0) {
@@ -265,7 +266,7 @@ TEST_CASE("colmap: a binary model cut anywhere is refused, with the file's name"
 }
 
 TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by time") {
-  const Folder folder;
+  const TemporaryFolder folder;
   std::string frames;
   for (int f = 1; f >= 0; --f) {  // out of order on purpose
     for (int i = 0; i < kCameras; ++i) {
@@ -300,7 +301,7 @@ TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by tim
 
 TEST_CASE("videos: cameras.json in each of its forms") {
   const int form = GENERATE(0, 1, 2);
-  const Folder folder;
+  const TemporaryFolder folder;
   std::string list;
   for (int i = 0; i < kCameras; ++i) {
     const std::string name = fmt::format("cam{}", i);
@@ -328,7 +329,7 @@ TEST_CASE("videos: cameras.json in each of its forms") {
 }
 
 TEST_CASE("videos: cameras that COLMAP cannot place are named") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (int i = 0; i < 2; ++i) write_video(folder / fmt::format("plain{}.mp4", i), i, 1);
   const Status status = load(folder.path).status();
   if (status.code() == StatusCode::kNotBuilt) {
@@ -339,7 +340,7 @@ TEST_CASE("videos: cameras that COLMAP cannot place are named") {
 }
 
 TEST_CASE("an unknown folder: the error lists what was looked for") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const Status status = load(folder.path).status();
   CHECK(status.code() == StatusCode::kUsage);
   CHECK(says(status, {"poses_bounds.npy", "train_meta.json", "intri.yml", "transforms.json",

@@ -10,7 +10,7 @@ namespace stgs::encoder::capture_test {
 namespace {
 
 // Cameras a, b, c with folders of pictures and a cameras.json; `lens` is further JSON of each.
-void write_abc(const Folder& folder, int frames, const std::string& lens = "") {
+void write_abc(const TemporaryFolder& folder, int frames, const std::string& lens = "") {
   std::string list;
   for (int i = 0; i < 3; ++i) {
     const Camera c = known_camera(i, 3, "");
@@ -41,7 +41,7 @@ Status written(const std::string& folder, const PrepareSettings& settings, const
 }
 
 TEST_CASE("a picture missing amid the others is named, also where the counts agree") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 6);
   fs::remove(folder / "images/c/000005.png");
   fs::remove(folder / "images/a/000001.png");
@@ -57,7 +57,7 @@ TEST_CASE("a picture missing amid the others is named, also where the counts agr
 }
 
 TEST_CASE("cameras whose pictures begin with different frames are refused") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 4);
   fs::remove(folder / "images/b/000000.png");
   for (const char* name : {"a", "c"})
@@ -66,7 +66,7 @@ TEST_CASE("cameras whose pictures begin with different frames are refused") {
 }
 
 TEST_CASE("pictures may be numbered from any frame in any step, or not at all") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 6);
   for (const char* name : {"a", "b", "c"}) {
     for (int frame : {0, 2, 4})
@@ -90,14 +90,14 @@ TEST_CASE("pictures may be numbered from any frame in any step, or not at all") 
 }
 
 TEST_CASE("two files of one frame are refused") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 3);
   write_picture(folder / "images/b/000001.jpg", picture(1, 1));
   CHECK(says(planned(folder.path), {"images/b/000001", "camera 'b'", "one file a frame"}));
 }
 
 TEST_CASE("masks beside a capture are taken whatever its layout") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 3);
   write_pictures(folder / "masks/cam01", 1, 3);
   auto capture = load(folder.path);
@@ -123,7 +123,7 @@ TEST_CASE("masks beside a capture are taken whatever its layout") {
 }
 
 TEST_CASE("nerfstudio's masks/ are motion, unless transforms.json says what they are") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const Camera c = known_camera(0, 3, "");
   std::vector<double> c2w(16, 0.0);
   c2w[0] = c2w[5] = c2w[10] = c2w[15] = 1;
@@ -151,7 +151,7 @@ TEST_CASE("nerfstudio's masks/ are motion, unless transforms.json says what they
 }
 
 TEST_CASE("given flow lacks no frame, and its lens does not distort") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 3, GENERATE("", ",\"dist\":[-0.1,0,0,0]"));
   const bool bent = load(folder.path)->cameras.at(0).lens != LensModel::kPinhole;
   write_text(folder / "flow/b/000000.flo", "");
@@ -183,7 +183,7 @@ std::string enormous_bmp() {
 }
 
 TEST_CASE("a picture that OpenCV throws at is a bad file of a camera and a frame") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_abc(folder, 3);
   PrepareSettings half;
   half.scale = 0.5;
@@ -198,7 +198,7 @@ TEST_CASE("a picture that OpenCV throws at is a bad file of a camera and a frame
 }
 
 TEST_CASE("easyvolcap: a matrix that is something else is a bad file") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_text(folder / "intri.yml", "%YAML:1.0\n---\nnames:\n   - \"00\"\nK_00: \"none\"\n");
   write_text(folder / "extri.yml", "%YAML:1.0\n---\nnames:\n   - \"00\"\n");
   const Status status = load(folder.path).status();
@@ -207,7 +207,7 @@ TEST_CASE("easyvolcap: a matrix that is something else is a bad file") {
 }
 
 TEST_CASE("a camera's name that is not UTF-8 is refused before any work") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 2);
   fs::rename(folder / "cam01.mp4", folder / "cam01\xe9.mp4");
   const Status status = load(folder.path).status();
@@ -216,7 +216,7 @@ TEST_CASE("a camera's name that is not UTF-8 is refused before any work") {
 }
 
 TEST_CASE("what cannot be replaced stays") {
-  const Folder folder;
+  const TemporaryFolder folder;
   write_text(folder / "out/capture.json", "old");
   CHECK(says(replace_folder(folder / "nothing", folder / "out"), {"/out", "put the result"}));
   CHECK(fs::exists(folder / "out/capture.json"));
@@ -227,7 +227,7 @@ TEST_CASE("what cannot be replaced stays") {
 }
 
 // A capture that is written and read.
-PreparedCapture sane_capture(const Folder& folder) {
+PreparedCapture sane_capture(const TemporaryFolder& folder) {
   PreparedCapture capture;
   capture.folder = folder.path;
   capture.frames = 1;
@@ -236,7 +236,7 @@ PreparedCapture sane_capture(const Folder& folder) {
 }
 
 TEST_CASE("capture.json with numbers that training cannot use is refused") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const PreparedCapture sane = sane_capture(folder);
   REQUIRE(write_prepared_capture(sane).ok());
   CHECK(read_prepared_capture(folder.path).ok());

@@ -2,7 +2,6 @@
 #include "init/init.h"
 
 #include <tbb/global_control.h>
-#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <fstream>
@@ -10,19 +9,12 @@
 
 #include "init/motion.h"
 #include "synthetic_rig.h"
+#include "temporary_folder.h"
 
 namespace stgs::encoder {
 namespace {
 
-// A folder of its own that goes away with the test.
-struct Folder {
-  explicit Folder(const char* name)
-      : path((std::filesystem::temp_directory_path() /
-              fmt::format("stgs_init_{}_{}", ::getpid(), name))
-                 .string()) {}
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::string path;
-};
+using testing::TemporaryFolder;
 
 InitSettings quick() {
   InitSettings settings;
@@ -66,7 +58,7 @@ cv::Vec3d position_of(const InitialPoint& p) {
 }
 
 TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stands still") {
-  const Folder folder("ball");
+  const TemporaryFolder folder;
   const SyntheticRig rig;
   PreparedCapture capture = rig.write(folder.path, 7);
   const Status status = run(capture);
@@ -128,7 +120,7 @@ TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stan
 }
 
 TEST_CASE("held-out cameras are never looked at, and the number of threads changes nothing") {
-  const Folder clean("clean"), poisoned("poisoned");
+  const TemporaryFolder clean, poisoned;
   SyntheticRig rig;
   rig.frames = 3;
   PreparedCapture a = rig.write(clean.path, 5), b = rig.write(poisoned.path, 5);
@@ -148,7 +140,7 @@ TEST_CASE("held-out cameras are never looked at, and the number of threads chang
 }
 
 TEST_CASE("captures with nothing to find still get a start") {
-  const Folder folder("degenerate");
+  const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
   const auto expect_still = [&](int cameras) {
@@ -192,7 +184,7 @@ TEST_CASE("captures with nothing to find still get a start") {
   SECTION("everything is masked") {
     PreparedCapture capture = rig.write(folder.path, 4);
     for (const Camera& camera : capture.cameras) {
-      std::filesystem::create_directories(folder.path + "/masks/" + camera.name);
+      std::filesystem::create_directories(folder / "masks/" + camera.name);
       for (int f = 0; f < rig.frames; ++f) {
         const cv::Mat all(camera.height, camera.width, CV_8U, cv::Scalar(255));
         REQUIRE(init::write_png(capture.mask_path(camera, f), all).ok());
@@ -206,7 +198,7 @@ TEST_CASE("captures with nothing to find still get a start") {
 }
 
 TEST_CASE("without the split there is one cloud, and it stands still") {
-  const Folder folder("whole");
+  const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
   PreparedCapture capture = rig.write(folder.path, 5);
@@ -221,11 +213,11 @@ TEST_CASE("without the split there is one cloud, and it stands still") {
     if (rig.from_ball(position_of(p), 0) < 0.07) ++on_ball;
   }
   CHECK(on_ball > 30);
-  CHECK_FALSE(std::filesystem::exists(folder.path + "/masks"));
+  CHECK_FALSE(std::filesystem::exists(folder / "masks"));
 }
 
 TEST_CASE("a frame that cannot be read is named") {
-  const Folder folder("broken");
+  const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
   PreparedCapture capture = rig.write(folder.path, 4);
@@ -236,7 +228,7 @@ TEST_CASE("a frame that cannot be read is named") {
 }
 
 TEST_CASE("a run can be cancelled") {
-  const Folder folder("cancel");
+  const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 1;
   PreparedCapture capture = rig.write(folder.path, 3);
@@ -246,9 +238,8 @@ TEST_CASE("a run can be cancelled") {
 }
 
 TEST_CASE("flow files are checked before they are used") {
-  const Folder folder("flow");
-  std::filesystem::create_directories(folder.path);
-  const std::string path = folder.path + "/a.flo";
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.flo";
   const auto write = [&](float magic, std::int32_t width, std::int32_t height, int floats) {
     std::ofstream file(path, std::ios::binary);
     file.write(reinterpret_cast<const char*>(&magic), 4);
@@ -271,7 +262,7 @@ TEST_CASE("flow files are checked before they are used") {
   CHECK_FALSE(init::read_flow(path).ok());
   write(202021.25f, -3, 2, 12);
   CHECK_FALSE(init::read_flow(path).ok());
-  CHECK_FALSE(init::read_flow(folder.path + "/none.flo").ok());
+  CHECK_FALSE(init::read_flow(folder / "none.flo").ok());
 }
 
 }  // namespace

@@ -112,8 +112,8 @@ void wait_for_frames(const std::string& path, std::uint32_t frames) {
 }
 
 TEST_CASE("a recorder that is killed is waited for, and followed when it goes on") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   const pid_t recorder = spawn_recorder(path, 1000, 5);
   wait_for_frames(path, 40);
   PlayerSettings settings = quick();
@@ -149,14 +149,14 @@ TEST_CASE("a recorder that is killed is waited for, and followed when it goes on
 }
 
 TEST_CASE("a file that another takes the place of is told") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   std::ofstream(path, std::ios::binary)
       .write(reinterpret_cast<const char*>(recording().bytes.data()),
              static_cast<std::streamsize>(recording().ends[6]));
   Viewer viewer(path);
   viewer.play();
-  const std::string other = folder.file("other.stgs");
+  const std::string other = folder / "other.stgs";
   std::filesystem::copy_file(path, other);
   std::filesystem::rename(other, path);
   REQUIRE(viewer.until([&] { return viewer.count(Kind::kReplaced) == 1; }));

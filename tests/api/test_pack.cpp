@@ -10,9 +10,11 @@
 #include "scene_fixture.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/raster.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using stgs::testing::random_scene;
+using stgs::testing::TemporaryFolder;
 
 namespace {
 
@@ -65,9 +67,8 @@ Gaussians4D quantised(const Scene& scene, int quality, std::uint64_t* bytes = nu
 }  // namespace
 
 TEST_CASE("pack reports the errors of the file that it wrote") {
-  const auto folder = std::filesystem::temp_directory_path() / "stgs_pack_test";
-  std::filesystem::create_directories(folder);
-  const std::string in = (folder / "in.stgs").string(), out = (folder / "out.stgs").string();
+  const TemporaryFolder folder;
+  const std::string in = folder / "in.stgs", out = folder / "out.stgs";
   Scene scene = random_scene(3000, 2, 60, 13);
   scene.gaussians.opacity_logit[5] = -20.0f;  // never visible
   REQUIRE(write_scene(in, scene, {}).ok());
@@ -92,15 +93,12 @@ TEST_CASE("pack reports the errors of the file that it wrote") {
   REQUIRE(read.ok());
   CHECK((*read)->profile() == Profile::kQuantised);
   CHECK((*read)->primitives() == report.primitives);
-  CHECK(encoder::pack({(folder / "none.stgs").string()}, out, {}, nullptr).code() ==
-        StatusCode::kIo);
-  std::filesystem::remove_all(folder);
+  CHECK(encoder::pack({folder / "none.stgs"}, out, {}, nullptr).code() == StatusCode::kIo);
 }
 
 TEST_CASE("packing stops where it is told to, and then writes nothing") {
-  const auto folder = std::filesystem::temp_directory_path() / "stgs_pack_stop_test";
-  std::filesystem::create_directories(folder);
-  const std::string in = (folder / "in.stgs").string(), out = (folder / "out.stgs").string();
+  const TemporaryFolder folder;
+  const std::string in = folder / "in.stgs", out = folder / "out.stgs";
   REQUIRE(write_scene(in, random_scene(300, 0, 60, 13), {}).ok());
   for (int steps = 0;; ++steps) {
     double last = -1;
@@ -120,20 +118,15 @@ TEST_CASE("packing stops where it is told to, and then writes nothing") {
     CHECK(status.code() == StatusCode::kRuntime);
     CHECK_FALSE(std::filesystem::exists(out));
   }
-  std::filesystem::remove_all(folder);
 }
 
 namespace {
 
 // A scene in a file of its own, and where to pack it to; gone at the end.
 struct PackFixture {
-  std::filesystem::path folder;
-  std::string in, out;
+  const TemporaryFolder folder;
+  const std::string in = folder / "in.stgs", out = folder / "out.stgs";
   explicit PackFixture(Scene scene, bool with_camera = true) {
-    folder = std::filesystem::temp_directory_path() / fmt::format("stgs_pack_rate_{}", getpid());
-    std::filesystem::create_directories(folder);
-    in = (folder / "in.stgs").string();
-    out = (folder / "out.stgs").string();
     if (with_camera) {
       StartCamera camera;
       camera.width = 160;
@@ -146,9 +139,6 @@ struct PackFixture {
     }
     REQUIRE(write_scene(in, scene, {}).ok());
   }
-  ~PackFixture() { std::filesystem::remove_all(folder); }
-  PackFixture(const PackFixture&) = delete;
-  PackFixture& operator=(const PackFixture&) = delete;
 
   StatusCode pack(const encoder::PackSettings& settings, encoder::PackReport& report) const {
     const Status status = encoder::pack({in}, out, settings, &report);
@@ -377,7 +367,7 @@ TEST_CASE("packing measures its pictures") {
     REQUIRE((good.pictures_psnr && poor.pictures_psnr));
     CHECK(*good.pictures_psnr > *poor.pictures_psnr + 6);
     CHECK(*good.pictures_psnr < 90);  // they show something
-    settings.against = (files.folder / "none").string();
+    settings.against = files.folder / "none";
     CHECK(files.pack(settings, poor) == StatusCode::kIo);
   }
   const PackFixture files(scene, false);

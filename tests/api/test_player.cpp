@@ -8,6 +8,7 @@
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/player/renderer.h"
+#include "temporary_folder.h"
 
 namespace stgs::player {
 namespace {
@@ -218,11 +219,10 @@ TEST_CASE("a moment with too many splats is an error that names the moment and t
   std::fill(set.log_scale.begin(), set.log_scale.end(), 6.0f);
   std::fill(set.opacity_logit.begin(), set.opacity_logit.end(), 5.0f);
   std::fill(set.radius.begin(), set.radius.end(), static_cast<float>(kFrames));
-  const std::string path =
-      (std::filesystem::temp_directory_path() / "stgs_player_crowd.stgs").string();
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "crowd.stgs";
   REQUIRE(write_scene(path, scene, {}).ok());
   auto timeline = Timeline::open(path);
-  std::filesystem::remove(path);
   REQUIRE(timeline.ok());
   auto renderer = make_renderer("cpu");
   std::vector<Frame> frames;

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/ply_sequence.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include "scene_fixture.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/raster.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using Catch::Matchers::Contains;
@@ -24,21 +23,12 @@ constexpr int kFrames = 12;
 constexpr std::size_t kStatic = 500, kMoving = 80, kComing = 60, kGoing = 60;
 constexpr int kComes = 5, kGoes = 7;  // first frame of the one, first frame without the other
 
-// A folder that goes with the test.
-struct Folder {
-  Folder()
-      : path((fs::temp_directory_path() / fmt::format("stgs_test_ply_sequence_{}", getpid()))
-                 .string()) {
-    fs::remove_all(path);
-    fs::create_directories(path);
-  }
-  ~Folder() { fs::remove_all(path); }
+struct Folder : testing::TemporaryFolder {
   void write(int frame, const Gaussians4D& set) const {
     const auto bytes = write_ply(set);
     REQUIRE(bytes.ok());
     REQUIRE(write_file_atomically(fmt::format("{}/{:05}.ply", path, frame), *bytes).ok());
   }
-  std::string path;
 };
 
 // Where splat i of the model is at a frame, relative to its place in the first.
@@ -261,18 +251,18 @@ TEST_CASE("PLY sequence: what is no sequence is refused") {
   CHECK(code() == StatusCode::kOk);
   folder.write(10, set);
   CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("is a frame missing?"));
-  fs::rename(folder.path + "/00010.ply", folder.path + "/007.ply");
+  fs::rename(folder / "00010.ply", folder / "007.ply");
   CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("the same frame"));
-  fs::rename(folder.path + "/007.ply", folder.path + "/model.ply");
+  fs::rename(folder / "007.ply", folder / "model.ply");
   CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("no number"));
-  fs::rename(folder.path + "/model.ply", folder.path + "/99999999999999999999999.ply");
+  fs::rename(folder / "model.ply", folder / "99999999999999999999999.ply");
   CHECK(code() == StatusCode::kUsage);
-  fs::remove(folder.path + "/99999999999999999999999.ply");
+  fs::remove(folder / "99999999999999999999999.ply");
   folder.write(9, testing::random_scene(30, 1, 1, 2).gaussians);
   CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("degree"));
-  fs::resize_file(folder.path + "/00009.ply", fs::file_size(folder.path + "/00009.ply") - 1);
+  fs::resize_file(folder / "00009.ply", fs::file_size(folder / "00009.ply") - 1);
   CHECK(code() == StatusCode::kInvalidFile);
-  fs::remove(folder.path + "/00009.ply");
+  fs::remove(folder / "00009.ply");
   // Each frame is within the limit, what becomes of them is not.
   folder.write(9, testing::random_scene(30, 0, 1, 3).gaussians);
   ReadLimits limits;

@@ -3,18 +3,11 @@
 #include <filesystem>
 #include <fstream>
 
-#include <unistd.h>
-
 #include "stgs/encoder/prepared_capture.h"
+#include "temporary_folder.h"
 
 namespace stgs::encoder {
 namespace {
-
-std::string temporary(const char* name) {
-  return (std::filesystem::temp_directory_path() /
-          fmt::format("stgs_points_{}_{}", ::getpid(), name))
-      .string();
-}
 
 std::vector<InitialPoint> some_points(bool moving) {
   std::vector<InitialPoint> points;
@@ -32,7 +25,8 @@ std::vector<InitialPoint> some_points(bool moving) {
 
 TEST_CASE("initial points come back as they were written") {
   for (bool moving : {false, true}) {
-    const std::string path = temporary("roundtrip.ply");
+    const testing::TemporaryFolder folder;
+    const std::string path = folder / "points.ply";
     const auto points = some_points(moving);
     REQUIRE(write_points(path, points).ok());
     const auto back = read_points(path);
@@ -51,7 +45,8 @@ TEST_CASE("initial points come back as they were written") {
 }
 
 TEST_CASE("a points file whose count does not fit its bytes is refused") {
-  const std::string path = temporary("short.ply");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "points.ply";
   REQUIRE(write_points(path, some_points(true)).ok());
   std::filesystem::resize_file(path, std::filesystem::file_size(path) - 1);
   CHECK(read_points(path).status().code() == StatusCode::kInvalidFile);

@@ -8,6 +8,7 @@
 #include "head_fixture.h"
 #include "scene_fixture.h"
 #include "stgs/format/scene_recorder.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -118,8 +119,8 @@ TEST_CASE("a source that fails anywhere is told to be one") {
 }
 
 TEST_CASE("finalize makes no file of a source that fails") {
-  const std::string output =
-      (fs::temp_directory_path() / fmt::format("stgs-faults-{}.stgs", ::getpid())).string();
+  const testing::TemporaryFolder folder;
+  const std::string output = folder / "closed.stgs";
   for (const char* name : {"growing_closed", "growing_timed_data", "growing_with_layouts"}) {
     INFO(name);
     const Bytes bytes = vector_named(name);
@@ -135,8 +136,8 @@ TEST_CASE("finalize makes no file of a source that fails") {
 }
 
 TEST_CASE("a recording is gone on with only as it was begun") {
-  const std::string path =
-      (fs::temp_directory_path() / fmt::format("stgs-faults-live-{}.stgs", ::getpid())).string();
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   const auto resumed = [&](const char* name) {
     const Bytes bytes = vector_named(name);
     std::ofstream(path, std::ios::binary)

@@ -72,8 +72,8 @@ void wait_for(const std::string& path, std::uint64_t bytes) {
 }  // namespace
 
 TEST_CASE("a recording can be read after each stretch, and finalize makes what a writer writes") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
   REQUIRE(recorder.ok());
   CHECK(opened(path)->primitives() == 0);
@@ -98,7 +98,7 @@ TEST_CASE("a recording can be read after each stretch, and finalize makes what a
   CHECK(opened(path)->parts() == scene.parts);
   CHECK(issues_of(bytes_of(path)).empty());
 
-  const std::string finished = folder.file("finished.stgs");
+  const std::string finished = folder / "finished.stgs";
   finalize_whole(path, finished);
   scene.metadata.frames = 70;
   WriteSettings settings = recording_settings().write;
@@ -108,14 +108,14 @@ TEST_CASE("a recording can be read after each stretch, and finalize makes what a
   CHECK(bytes_of(finished) == *direct);
   CHECK(opened(finished)->form() == SceneForm::kFinished);
   SceneLosses losses;
-  CHECK(finalize_scene(std::move(*open_file(finished)), folder.file("x.stgs"), losses).code() ==
+  CHECK(finalize_scene(std::move(*open_file(finished)), folder / "x.stgs", losses).code() ==
         StatusCode::kUsage);
-  CHECK_FALSE(fs::exists(folder.file("x.stgs")));
+  CHECK_FALSE(fs::exists(folder / "x.stgs"));
 }
 
 TEST_CASE("what is known to stay is recorded once, and is there as long as it was said to be") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
   REQUIRE(recorder.ok());
   Gaussians4D room = stretch(0);
@@ -133,7 +133,7 @@ TEST_CASE("what is known to stay is recorded once, and is there as long as it wa
   }
   REQUIRE((*recorder)->close().ok());
 
-  const std::string finished = folder.file("finished.stgs");
+  const std::string finished = folder / "finished.stgs";
   finalize_whole(path, finished);
   for (const std::string& file : {path, finished}) {
     const auto reader = opened(file);
@@ -154,12 +154,12 @@ TEST_CASE("what is known to stay is recorded once, and is there as long as it wa
 }
 
 TEST_CASE("finalize keeps what it does not know") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string vectors = std::string(STGS_TEST_DATA) + "/../conformance/vectors/";
   for (const char* name : {"growing_timed_data", "growing_with_further_records",
                            "growing_with_layouts", "growing_lasting", "growing_eight"}) {
     INFO(name);
-    const std::string path = vectors + name + ".stgs", finished = folder.file("finished.stgs");
+    const std::string path = vectors + name + ".stgs", finished = folder / "finished.stgs";
     finalize_whole(path, finished);
     const auto recorded = opened(path), reader = opened(finished);
     Bytes before = bytes_of(path);
@@ -190,9 +190,9 @@ TEST_CASE("finalize keeps what it does not know") {
 }
 
 TEST_CASE("a recording cut anywhere is read up to its last complete stretch") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
-    const std::string path = folder.file(profile_name(profile));
+    const std::string path = folder / profile_name(profile);
     const std::vector<std::uint64_t> sizes = record(path, 5, true, profile, 6);
     const Bytes whole = bytes_of(path);
     REQUIRE(whole.size() == sizes.back());
@@ -224,9 +224,9 @@ TEST_CASE("a recording cut anywhere is read up to its last complete stretch") {
 }
 
 TEST_CASE("every changed byte of a recording is found") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (const bool close : {false, true}) {
-    const std::string path = folder.file(close ? "closed" : "open");
+    const std::string path = folder / (close ? "closed" : "open");
     record(path, 3, close, Profile::kQuantised, 5);
     const Bytes whole = bytes_of(path);
     for (std::size_t at = 0; at < whole.size(); ++at) {
@@ -240,8 +240,8 @@ TEST_CASE("every changed byte of a recording is found") {
 }
 
 TEST_CASE("the index of a long recording is found in few fragments") {
-  const Folder folder;
-  const std::string path = folder.file("long.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "long.stgs";
   const std::vector<std::uint64_t> sizes = record(path, 200, false, Profile::kQuantised, 4);
   const auto reader = opened(path);
   CHECK(reader->parts().size() == 200);
@@ -337,8 +337,8 @@ TEST_CASE("a file of 20000 stretches is joined in few reads, wherever it ends") 
 }
 
 TEST_CASE("a damaged fragment loses what it alone lists") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   record(path, 13, false, Profile::kLossless, 6);
   const Bytes whole = bytes_of(path);
   std::vector<std::size_t> at;
@@ -388,9 +388,9 @@ TEST_CASE("many records that look like fragments cost no more than the file") {
 }
 
 TEST_CASE("a recording that was cut anywhere is gone on with to the same bytes") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
-    const std::string path = folder.file(profile_name(profile));
+    const std::string path = folder / profile_name(profile);
     const auto sizes = record(path, 9, true, profile, 6);
     const Bytes whole = bytes_of(path);
     std::vector<std::size_t> cuts(sizes.begin(), sizes.end() - 1);
@@ -400,7 +400,7 @@ TEST_CASE("a recording that was cut anywhere is gone on with to the same bytes")
       cuts.push_back(sizes.front() + state % (whole.size() - sizes.front()));
     }
     for (const std::size_t size : cuts) {
-      const std::string cut = folder.file("cut.stgs");
+      const std::string cut = folder / "cut.stgs";
       REQUIRE(write_file_atomically(cut, std::span(whole).first(size)).ok());
       {
         auto recorder = SceneRecorder::resume(cut, recording_settings(profile));
@@ -425,8 +425,8 @@ TEST_CASE("a recording that was cut anywhere is gone on with to the same bytes")
 }
 
 TEST_CASE("a recording is gone on with after a kill, and after a power cut") {
-  const Folder folder;
-  const std::string path = folder.file("killed.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "killed.stgs";
   const pid_t writer = spawn(path, 100000, 0);
   wait_for(path, 20000);
   REQUIRE(::kill(writer, SIGKILL) == 0);
@@ -445,7 +445,7 @@ TEST_CASE("a recording is gone on with after a kill, and after a power cut") {
   CHECK(issues_of(bytes_of(path)).empty());
 
   // Bytes of the last stretch that did not reach the disk, though its fragment did.
-  const std::string torn = folder.file("torn.stgs");
+  const std::string torn = folder / "torn.stgs";
   const auto sizes = record(torn, 4, false, Profile::kQuantised);
   Bytes bytes = bytes_of(torn);
   bytes[sizes[3] + 100] ^= 0x20;
@@ -457,8 +457,8 @@ TEST_CASE("a recording is gone on with after a kill, and after a power cut") {
 }
 
 TEST_CASE("a reader follows a file that another process writes") {
-  const Folder folder;
-  const std::string path = folder.file("live.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   const pid_t writer = spawn(path, 12, 5);
   wait_for(path, 300);
   auto reader = opened(path);
@@ -488,12 +488,12 @@ TEST_CASE("a reader follows a file that another process writes") {
 }
 
 TEST_CASE("what was appended before a kill can be read and finalized") {
-  const Folder folder;
-  const std::string reference = folder.file("reference.stgs");
+  const TemporaryFolder folder;
+  const std::string reference = folder / "reference.stgs";
   record(reference, 40, false, Profile::kQuantised);
   const auto expected = opened(reference);
   for (const std::uint64_t bytes : {1u, 2000u, 9000u, 20000u, 40001u}) {
-    const std::string path = folder.file(fmt::format("killed{}.stgs", bytes));
+    const std::string path = folder / fmt::format("killed{}.stgs", bytes);
     const pid_t writer = spawn(path, 100000, 0);
     wait_for(path, bytes);
     REQUIRE(::kill(writer, SIGKILL) == 0);
@@ -512,7 +512,7 @@ TEST_CASE("what was appended before a kill can be read and finalized") {
     for (std::uint32_t p = 0; p < std::min(parts, 40u); ++p) {
       CHECK(prints_of(**reader, p) == prints_of(*expected, p));
     }
-    const std::string finished = folder.file(fmt::format("finished{}.stgs", bytes));
+    const std::string finished = folder / fmt::format("finished{}.stgs", bytes);
     finalize_whole(path, finished);
     CHECK(opened(finished)->parts().size() == parts);
     CHECK(issues_of(bytes_of(finished)).empty());
@@ -520,25 +520,24 @@ TEST_CASE("what was appended before a kill can be read and finalized") {
 }
 
 TEST_CASE("a recorder says what it cannot do") {
-  const Folder folder;
-  const std::string path = folder.file("a.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "a.stgs";
   const RecordSettings settings = recording_settings();
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, settings);
   REQUIRE(recorder.ok());
   CHECK(SceneRecorder::create(path, recording_metadata(), 1, settings).status().code() ==
         StatusCode::kIo);
-  CHECK(SceneRecorder::create(folder.file("no/b"), recording_metadata(), 1, settings)
-            .status()
-            .code() == StatusCode::kIo);
+  CHECK(SceneRecorder::create(folder / "no/b", recording_metadata(), 1, settings).status().code() ==
+        StatusCode::kIo);
   SceneMetadata metadata = recording_metadata();
   metadata.time_base = {0, 30};
-  CHECK(SceneRecorder::create(folder.file("c"), metadata, 1, settings).status().code() ==
+  CHECK(SceneRecorder::create(folder / "c", metadata, 1, settings).status().code() ==
         StatusCode::kUsage);
   metadata = recording_metadata();
   metadata.window = CaptureWindow{0, 1, 0, 0};
-  CHECK(SceneRecorder::create(folder.file("c"), metadata, 1, settings).status().code() ==
+  CHECK(SceneRecorder::create(folder / "c", metadata, 1, settings).status().code() ==
         StatusCode::kUsage);
-  CHECK_FALSE(fs::exists(folder.file("c")));
+  CHECK_FALSE(fs::exists(folder / "c"));
   CHECK((*recorder)->append(stretch(0), 0).code() == StatusCode::kUsage);
   CHECK((*recorder)->append(stretch(0, 5, 0), 10).code() == StatusCode::kUsage);
   Gaussians4D broken = stretch(0);

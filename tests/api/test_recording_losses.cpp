@@ -9,8 +9,8 @@ using Bytes = std::vector<std::uint8_t>;
 namespace fs = std::filesystem;
 
 TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
-  const Folder folder;
-  const std::string path = folder.file("torn.stgs"), out = folder.file("out.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "torn.stgs", out = folder / "out.stgs";
   record(path, 4, false, Profile::kQuantised);
   Bytes bytes = bytes_of(path);
   // What they hold, but neither their headers nor their fragment, as a power cut can leave them.
@@ -45,8 +45,8 @@ TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
 }
 
 TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage") {
-  const Folder folder;
-  const std::string path = folder.file("damaged.stgs"), out = folder.file("out.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "damaged.stgs", out = folder / "out.stgs";
   record(path, 4, false, Profile::kQuantised);
   const auto recorded = opened(path);
   for (const std::size_t stretch_hit : {1u, 2u}) {
@@ -85,8 +85,8 @@ TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage"
 }
 
 TEST_CASE("finalize makes no file of a recording of which nothing can be read") {
-  const Folder folder;
-  const std::string path = folder.file("dead.stgs"), out = folder.file("out.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "dead.stgs", out = folder / "out.stgs";
   record(path, 2, true);
   Bytes bytes = bytes_of(path);
   const auto reader = opened(path);
@@ -108,9 +108,9 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
   CHECK(lost.moments == TickRange{90, 100});
   CHECK(lost.bytes > 435);
   CHECK(reader->complete_ticks() == 90);
-  const Folder folder;
+  const TemporaryFolder folder;
   SceneLosses losses;
-  REQUIRE(finalize_scene(std::move(*open_file(path)), folder.file("out.stgs"), losses).ok());
+  REQUIRE(finalize_scene(std::move(*open_file(path)), folder / "out.stgs", losses).ok());
   CHECK(losses.lost_stretches == reader->lost_stretches());
   REQUIRE(losses.damage.size() >= 1);
   CHECK(losses.damage[0].number == 313);
@@ -123,8 +123,8 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
 }
 
 TEST_CASE("a fragment that a damaged one hides is told") {
-  const Folder folder;
-  const std::string path = folder.file("hidden.stgs");
+  const TemporaryFolder folder;
+  const std::string path = folder / "hidden.stgs";
   record(path, 3, true);
   Bytes bytes = bytes_of(path);
   const std::string text(bytes.begin(), bytes.end());

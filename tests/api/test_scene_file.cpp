@@ -4,16 +4,13 @@
 #include <filesystem>
 
 #include "scene_fixture.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using stgs::testing::fingerprints;
 using stgs::testing::random_scene;
 
 namespace {
-
-std::string temporary(const std::string& name) {
-  return (std::filesystem::temp_directory_path() / name).string();
-}
 
 Result<std::unique_ptr<SceneReader>> open_bytes(std::vector<std::uint8_t> bytes) {
   return SceneReader::open(memory_source(std::move(bytes)));
@@ -26,12 +23,12 @@ TEST_CASE("the lossless profile gives back every bit of every primitive") {
     Scene scene = random_scene(700, degree, 60, 7);
     scene.gaussians.position[0] = -0.0f;
     scene.gaussians.sh[1] = 1e-42f;  // not normalised
-    const std::string path = temporary("stgs_lossless.stgs");
+    const testing::TemporaryFolder folder;
+    const std::string path = folder / "scene.stgs";
     const Status written = write_scene(path, scene, {});
     INFO(written.message());
     REQUIRE(written.ok());
     const Result<Scene> read = read_scene(path);
-    std::filesystem::remove(path);
     INFO(read.status().message());
     REQUIRE(read.ok());
     auto before = fingerprints(scene.gaussians), after = fingerprints(read->gaussians);
@@ -227,12 +224,12 @@ TEST_CASE("limits refuse a file before it is decoded") {
 
 TEST_CASE("an unwritable target is an error and leaves nothing behind") {
   const Scene scene = random_scene(10, 0, 30, 4);
-  const std::string folder = temporary("stgs_write_test");
+  const testing::TemporaryFolder outer;
+  const std::string folder = outer / "folder";
   std::filesystem::create_directory(folder);
   CHECK(write_scene(folder, scene, {}).code() == StatusCode::kIo);
   CHECK(write_scene(folder + "/none/x.stgs", scene, {}).code() == StatusCode::kIo);
   CHECK(std::filesystem::is_empty(folder));
-  std::filesystem::remove_all(folder);
   CHECK(write_scene("/dev/null", scene, {}).ok());
   CHECK(std::filesystem::is_character_file("/dev/null"));
   const Status full = write_scene("/dev/full", scene, {});

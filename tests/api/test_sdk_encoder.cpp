@@ -14,7 +14,7 @@
 namespace stgs::testing {
 
 TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
-  const WorkFolder work;
+  const TemporaryFolder work;
   const Watched encoder;
   stgs_prepare_settings preparing;
   REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
@@ -28,14 +28,14 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   preparing.max_dynamic_points = 100;
   // Of a program with a later header, in which it is longer.
   Sized<stgs_prepare_report> longer(sizeof(stgs_prepare_report) + 8, {}, 0xA5);
-  const std::string folder = work.at("prepared"), scene = work.at("trained.stgs");
+  const std::string folder = work / "prepared", scene = work / "trained.stgs";
   const stgs_result result = stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop",
                                                   folder.c_str(), &preparing, longer.get());
   INFO(encoder.error().message);
 #ifndef STGS_HAS_PREPARE
   CHECK(result == STGS_ERROR_NOT_BUILT);
   CHECK(std::string(encoder.error().message).find("OpenCV") != std::string::npos);
-  CHECK(work.names().empty());
+  CHECK(names_in(work.path).empty());
   return;
 #endif
   REQUIRE(result == STGS_OK);
@@ -68,10 +68,10 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   stgs_pack_settings settings = packing();
   settings.against = folder.c_str();
   auto packed = empty_report<stgs_pack_report>();
-  REQUIRE(pack_one(encoder, scene, work.at("scene.stgs"), &settings, &packed) == STGS_OK);
+  REQUIRE(pack_one(encoder, scene, work / "scene.stgs", &settings, &packed) == STGS_OK);
   CHECK(packed.primitives + packed.dropped == trained.primitives);
   CHECK(packed.bytes_in == trained.bytes);
-  CHECK(packed.bytes_out == fs::file_size(work.at("scene.stgs")));
+  CHECK(packed.bytes_out == fs::file_size(work / "scene.stgs"));
   CHECK(packed.bytes_out < packed.bytes_in);
   CHECK(packed.quality == settings.quality);
   CHECK(packed.pictures_psnr > 25);
@@ -83,10 +83,10 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
     CHECK(encoder.saw(stage));
   }
   CHECK_FALSE(encoder.lines.empty());
-  CHECK(work.names() == std::vector<std::string>{"prepared", "scene.stgs", "trained.stgs"});
+  CHECK(names_in(work.path) == std::vector<std::string>{"prepared", "scene.stgs", "trained.stgs"});
 
   const ScenePtr opened = make_scene();
-  REQUIRE(stgs_scene_open(opened.get(), work.at("scene.stgs").c_str()) == STGS_OK);
+  REQUIRE(stgs_scene_open(opened.get(), (work / "scene.stgs").c_str()) == STGS_OK);
   const stgs_view view = start_view(opened.get());
   const auto pixels = draw_rgba8(cpu_renderer().get(), opened.get(), 0.03, view);
   CHECK(view.width == 120);
@@ -97,7 +97,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
 
 #ifdef STGS_HAS_PREPARE
 TEST_CASE("preparing that is stopped leaves nothing", "[sdk]") {
-  const WorkFolder work;
+  const TemporaryFolder work;
   Watched encoder;
   const std::string at = GENERATE("frames", "motion", "depth range");
   encoder.stop = [&](const stgs_encoder_progress& progress) { return progress.stage == at; };
@@ -107,13 +107,13 @@ TEST_CASE("preparing that is stopped leaves nothing", "[sdk]") {
   settings.scale = 0.25;
   auto report = empty_report<stgs_prepare_report>();
   report.frames = 77;
-  CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", work.at("out").c_str(),
+  CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", (work / "out").c_str(),
                              &settings, &report) == STGS_ERROR_CANCELLED);
   CHECK(encoder.error().result == STGS_ERROR_CANCELLED);
   CHECK(encoder.stages.back() == at);
   CHECK(encoder.calls_after_stop == 0);
   CHECK(report.frames == 77);
-  CHECK(work.names().empty());
+  CHECK(names_in(work.path).empty());
 }
 #endif
 

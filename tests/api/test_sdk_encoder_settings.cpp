@@ -74,13 +74,13 @@ TEST_CASE("settings of training that are none are named, with what is possible",
 }
 
 TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") {
-  const WorkFolder work;
+  const TemporaryFolder work;
   const Watched encoder;
   using Preparing = stgs_prepare_settings;
   Preparing preparing;
   REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
   const auto prepare = [&](const Preparing& settings) {
-    return stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", work.at("out").c_str(),
+    return stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", (work / "out").c_str(),
                                 &settings, nullptr);
   };
   const std::pair<std::string, std::function<void(Preparing&)>> of_prepare[] = {
@@ -104,7 +104,7 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
   }
   using Packing = stgs_pack_settings;
   const auto pack = [&](const Packing& settings) {
-    return pack_one(encoder, work.at("none.stgs"), work.at("out.stgs"), &settings);
+    return pack_one(encoder, work / "none.stgs", work / "out.stgs", &settings);
   };
   const std::pair<std::string, std::function<void(Packing&)>> of_pack[] = {
       {"profile is 2; it can be 0 to 1", [](Packing& s) { s.profile = 2; }},
@@ -122,7 +122,7 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
     INFO(told);
     CHECK(told.find(expected) != std::string::npos);
   }
-  CHECK(work.names().empty());
+  CHECK(names_in(work.path).empty());
 }
 
 TEST_CASE("backends that cannot train are told apart from those without a device", "[sdk]") {
@@ -185,15 +185,15 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
 }
 
 TEST_CASE("a pipe is no scene to pack, and is not waited for", "[sdk]") {
-  const WorkFolder work;
+  const TemporaryFolder work;
   const Watched encoder;
-  const std::string pipe = work.at("pipe.stgs");
+  const std::string pipe = work / "pipe.stgs";
   REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
   ::alarm(60);  // ends who waits for a writer
-  CHECK(pack_one(encoder, pipe, work.at("packed.stgs")) == STGS_ERROR_IO);
+  CHECK(pack_one(encoder, pipe, work / "packed.stgs") == STGS_ERROR_IO);
   ::alarm(0);
   CHECK(encoder.error().message == pipe + ": not a regular file");
-  CHECK(work.names() == std::vector<std::string>{"pipe.stgs"});
+  CHECK(names_in(work.path) == std::vector<std::string>{"pipe.stgs"});
 }
 
 TEST_CASE("an encoder is made with settings that make sense", "[sdk]") {

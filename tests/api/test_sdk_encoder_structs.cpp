@@ -43,7 +43,7 @@ Settings defaults_of(stgs_result (*defaults)(Settings*, std::size_t)) {
 }  // namespace
 
 TEST_CASE("structs of the encoder are of any version of its header", "[sdk]") {
-  const test::SyntheticCapture synthetic(fmt::format("sdk_encoder_structs_{}", ::getpid()), 3, 2);
+  const test::SyntheticCapture synthetic(3, 2);
   const std::string& folder = synthetic.capture.folder;
   const std::string scene = folder + "/scene.stgs", packed = folder + "/packed.stgs";
   const std::string checkpoint = folder + "/run.ckpt";

@@ -7,6 +7,7 @@
 #include "../fuzz/heap.h"
 #include "sdk_player_fixture.h"
 #include "stretch_fixture.h"
+#include "temporary_folder.h"
 
 namespace stgs::testing {
 namespace {
@@ -154,11 +155,11 @@ TEST_CASE("a player is opened and played with memory that ends at any moment", "
 }
 
 TEST_CASE("a recording is followed with memory that ends at any moment", "[sdk]") {
-  const auto path = std::filesystem::temp_directory_path() / "stgs_test_sdk_memory.stgs";
-  std::filesystem::remove(path);
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
   std::vector<std::size_t> ends;
   {
-    auto recorder = SceneRecorder::create(path.string(), recording_metadata(), 1,
+    auto recorder = SceneRecorder::create(path, recording_metadata(), 1,
                                           recording_settings(Profile::kQuantised));
     REQUIRE(recorder.ok());
     for (std::uint32_t i = 0; i < 4; ++i) {
@@ -169,7 +170,6 @@ TEST_CASE("a recording is followed with memory that ends at any moment", "[sdk]"
   }
   std::ifstream recorded(path, std::ios::binary);
   const std::vector<std::uint8_t> file(std::istreambuf_iterator<char>(recorded), {});
-  std::filesystem::remove(path);
   const auto expected = picture_of(file);
   struct Growing {
     const std::vector<std::uint8_t>& bytes;

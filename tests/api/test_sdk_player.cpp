@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "sdk_player_fixture.h"
+#include "temporary_folder.h"
 
 namespace stgs::testing {
 namespace {
@@ -34,8 +35,8 @@ bool has(const std::string& text, const char* words) {
 }  // namespace
 
 TEST_CASE("a player's picture is the scene's, wherever its file comes from", "[sdk]") {
-  const std::string path =
-      (std::filesystem::temp_directory_path() / "stgs_test_sdk_player.stgs").string();
+  const TemporaryFolder folder;
+  const std::string path = folder / "clip.stgs";
   CallerFile file(clip_file());
   PlayerPtr player = make_player();
   stgs_result opened = STGS_OK;

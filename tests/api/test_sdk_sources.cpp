@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "sdk_player_fixture.h"
+#include "temporary_folder.h"
 
 namespace stgs::testing {
 namespace {
@@ -18,15 +19,12 @@ class Pipe {
     REQUIRE(::mkfifo(path_.c_str(), 0600) == 0);
     ::alarm(60);
   }
-  ~Pipe() {
-    ::alarm(0);
-    std::filesystem::remove(path_);
-  }
+  ~Pipe() { ::alarm(0); }
   const std::string& path() const { return path_; }
 
  private:
-  const std::string path_ =
-      (std::filesystem::temp_directory_path() / fmt::format("stgs-pipe-{}", ::getpid())).string();
+  const TemporaryFolder folder_;
+  const std::string path_ = folder_ / "pipe";
 };
 
 }  // namespace

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <unistd.h>
-
 #include <catch2/catch.hpp>
 #include <cmath>
 
 #include "scene_fixture.h"
 #include "sog_fixture.h"
 #include "stgs/format/interchange.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using stgs::testing::encode_webp;
@@ -14,24 +13,13 @@ using stgs::testing::fingerprints;
 using stgs::testing::Picture;
 using stgs::testing::random_sog;
 using stgs::testing::SogModel;
-namespace fs = std::filesystem;
+using stgs::testing::TemporaryFolder;
 
 namespace {
 
-// A folder that goes with the test.
-struct Folder {
-  Folder()
-      : path((fs::temp_directory_path() / fmt::format("stgs_test_sog_{}", getpid())).string()) {
-    fs::remove_all(path);
-    fs::create_directories(path);
-  }
-  ~Folder() { fs::remove_all(path); }
-  std::string path;
-};
-
 // What reading a model says that must not be readable.
 Status refusal(const SogModel& model, const ReadLimits& limits = {}) {
-  const Folder folder;
+  const TemporaryFolder folder;
   model.write_folder(folder.path);
   const Result<Scene> scene = read_sog(folder.path, limits);
   CHECK_FALSE(scene.ok());
@@ -43,11 +31,11 @@ using Catch::Matchers::Contains;
 }  // namespace
 
 TEST_CASE("SOG: the values of the specification") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const SogModel model = random_sog(21, 2, 3);
   model.write_folder(folder.path);
   ConversionNotes notes;
-  const Result<Scene> scene = read_sog(folder.path + "/meta.json", {}, &notes);
+  const Result<Scene> scene = read_sog(folder / "meta.json", {}, &notes);
   INFO(scene.status().message());
   REQUIRE(scene.ok());
   CHECK(notes.empty());
@@ -95,12 +83,12 @@ TEST_CASE("SOG: the values of the specification") {
 }
 
 TEST_CASE("SOG: a bundle, a folder and its description are one model") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const SogModel model = random_sog(33, 3, 5);
-  model.write_folder(folder.path + "/model");
-  model.write_bundle(folder.path + "/model.sog");
-  const Result<Scene> from_folder = read_sog(folder.path + "/model");
-  const Result<Scene> from_bundle = read_sog(folder.path + "/model.sog");
+  model.write_folder(folder / "model");
+  model.write_bundle(folder / "model.sog");
+  const Result<Scene> from_folder = read_sog(folder / "model");
+  const Result<Scene> from_bundle = read_sog(folder / "model.sog");
   INFO(from_folder.status().message() << from_bundle.status().message());
   REQUIRE(from_folder.ok());
   REQUIRE(from_bundle.ok());
@@ -108,11 +96,11 @@ TEST_CASE("SOG: a bundle, a folder and its description are one model") {
 }
 
 TEST_CASE("SOG: the chunks of a folder are put together in the order of their names") {
-  const Folder folder;
-  random_sog(9, 0, 1).write_folder(folder.path + "/2_0");
-  random_sog(12, 1, 2).write_folder(folder.path + "/2_1");
-  random_sog(5, 0, 3).write_bundle(folder.path + "/2_2.sog");
-  const Result<Scene> all = read_sog(folder.path), second = read_sog(folder.path + "/2_1");
+  const TemporaryFolder folder;
+  random_sog(9, 0, 1).write_folder(folder / "2_0");
+  random_sog(12, 1, 2).write_folder(folder / "2_1");
+  random_sog(5, 0, 3).write_bundle(folder / "2_2.sog");
+  const Result<Scene> all = read_sog(folder.path), second = read_sog(folder / "2_1");
   INFO(all.status().message());
   REQUIRE(all.ok());
   REQUIRE(second.ok());
@@ -121,12 +109,12 @@ TEST_CASE("SOG: the chunks of a folder are put together in the order of their na
   const auto whole = fingerprints(all->gaussians), part = fingerprints(second->gaussians);
   CHECK(std::vector<std::string>(whole.begin() + 9, whole.begin() + 21) == part);
   CHECK(all->gaussians.sh[3] == 0.0f);
-  std::ofstream(folder.path + "/lod-meta.json") << "{}";
+  std::ofstream(folder / "lod-meta.json") << "{}";
   CHECK(read_sog(folder.path).status().code() == StatusCode::kUnsupported);
 }
 
 TEST_CASE("SOG: a codebook whose first entry an early writer left null") {
-  const Folder folder;
+  const TemporaryFolder folder;
   SogModel model = random_sog(8, 0, 4);
   model.meta["scales"]["codebook"][0] = nullptr;
   model.pictures["scales.webp"].rgba[0] = 0;
@@ -213,8 +201,8 @@ TEST_CASE("SOG: the caller's limits hold before anything of that size is made") 
 }
 
 TEST_CASE("SOG: damaged bundles are refused") {
-  const Folder folder;
-  const std::string path = folder.path + "/model.sog";
+  const TemporaryFolder folder;
+  const std::string path = folder / "model.sog";
   random_sog(300, 0, 9, 20).write_bundle(path);
   std::ifstream file(path, std::ios::binary);
   const std::string whole{std::istreambuf_iterator<char>(file), {}};
@@ -230,5 +218,5 @@ TEST_CASE("SOG: damaged bundles are refused") {
   std::string damaged = whole;
   damaged[damaged.find("WEBP") + 40] ^= 4;
   CHECK(read_bytes(damaged) == StatusCode::kInvalidFile);
-  CHECK(read_sog(folder.path + "/absent.sog").status().code() == StatusCode::kIo);
+  CHECK(read_sog(folder / "absent.sog").status().code() == StatusCode::kIo);
 }

@@ -21,7 +21,7 @@ using stgs::test::short_run;
 using stgs::test::SyntheticCapture;
 
 TEST_CASE("training from rough grey points recovers a held-out view") {
-  const SyntheticCapture synthetic("train_quality");
+  const SyntheticCapture synthetic;
   const Result<Scene> start = run(synthetic, short_run(1));
   REQUIRE(start.ok());
   const Result<Scene> scene = run(synthetic, short_run(600));
@@ -36,7 +36,7 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
 }
 
 TEST_CASE("two ranks recover a held-out view as one does, with as many views") {
-  const SyntheticCapture synthetic("train_ranks");
+  const SyntheticCapture synthetic;
   const Result<Scene> alone = run(synthetic, short_run(1200));
   REQUIRE(alone.ok());
   std::vector<Scene> scenes(2);
@@ -62,7 +62,7 @@ TEST_CASE("two ranks recover a held-out view as one does, with as many views") {
 }
 
 TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
-  const SyntheticCapture synthetic("train_resume");
+  const SyntheticCapture synthetic;
   const std::string checkpoint = synthetic.capture.folder + "/train.ckpt";
   TrainSettings settings = short_run(120);
   const Result<Scene> whole = run(synthetic, settings);
@@ -86,7 +86,7 @@ TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
 }
 
 TEST_CASE("measuring held-out views changes nothing and says what it sees") {
-  const SyntheticCapture synthetic("train_held_out");
+  const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(60);
   settings.held_out_measures = 0;
@@ -117,7 +117,7 @@ TEST_CASE("measuring held-out views changes nothing and says what it sees") {
 }
 
 TEST_CASE("held-out views that cannot be read are told of and do not stop the training") {
-  const SyntheticCapture synthetic("train_no_held_out");
+  const SyntheticCapture synthetic;
   std::filesystem::remove(synthetic.capture.frame_path(synthetic.capture.cameras[0], 2));
   REQUIRE(synthetic.capture.cameras[0].test);
   std::string warning;
@@ -131,7 +131,7 @@ TEST_CASE("held-out views that cannot be read are told of and do not stop the tr
 }
 
 TEST_CASE("a resumed log holds each line once, as if nothing had happened") {
-  const SyntheticCapture synthetic("train_log");
+  const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(120);
   settings.log_path = path;
@@ -176,7 +176,7 @@ TEST_CASE("the sample of views is spread over cameras and time") {
 }
 
 TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the same bits") {
-  const SyntheticCapture synthetic("train_normals");
+  const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(200);
   settings.overrides.emplace_back("weight_normal", "0.02");
@@ -204,7 +204,7 @@ TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the sa
 }
 
 TEST_CASE("the coupled representation trains, and resumes to the same bits") {
-  const SyntheticCapture synthetic("train_coupled");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(400);
   settings.ablate = "representation";
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
@@ -224,7 +224,7 @@ TEST_CASE("the coupled representation trains, and resumes to the same bits") {
 }
 
 TEST_CASE("a checkpoint is only for the settings and the capture that it was made with") {
-  SyntheticCapture synthetic("train_fingerprint");
+  SyntheticCapture synthetic;
   TrainSettings settings = short_run(10);
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   REQUIRE(run(synthetic, settings).ok());
@@ -246,7 +246,7 @@ TEST_CASE("a checkpoint is only for the settings and the capture that it was mad
 }
 
 TEST_CASE("a checkpoint of another backend is resumed with a warning") {
-  const SyntheticCapture synthetic("train_other_backend");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(40);
   settings.backend = "cpu";
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
@@ -270,7 +270,7 @@ TEST_CASE("a checkpoint of another backend is resumed with a warning") {
 }
 
 TEST_CASE("a run that had ended is resumed with its held-out score") {
-  const SyntheticCapture synthetic("train_ended");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(30);
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   TrainReport first, again;
@@ -285,7 +285,7 @@ TEST_CASE("a run that had ended is resumed with its held-out score") {
 }
 
 TEST_CASE("what training would refuse is found without the capture") {
-  const SyntheticCapture synthetic("train_check");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(10);
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   CHECK(check_training(settings, nullptr).ok());
@@ -310,7 +310,7 @@ TEST_CASE("what training would refuse is found without the capture") {
 }
 
 TEST_CASE("'auto' says what it trains on, and why not on CUDA where it does not") {
-  const SyntheticCapture synthetic("train_auto");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(1);
   std::string lines;
   TrainReport report;
@@ -328,7 +328,7 @@ TEST_CASE("'auto' says what it trains on, and why not on CUDA where it does not"
 }
 
 TEST_CASE("the number of threads does not change a bit of the result") {
-  const SyntheticCapture synthetic("train_threads");
+  const SyntheticCapture synthetic;
   const TrainSettings settings = short_run(60);
   const Result<Scene> many = run(synthetic, settings);
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
@@ -339,7 +339,7 @@ TEST_CASE("the number of threads does not change a bit of the result") {
 }
 
 TEST_CASE("every ablation takes away what its name says") {
-  const SyntheticCapture synthetic("train_ablations");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(40);
   settings.ablate = "lifespan";
   const Result<Scene> lifespan = run(synthetic, settings);
@@ -382,7 +382,7 @@ TEST_CASE("every ablation takes away what its name says") {
 }
 
 TEST_CASE("wrong settings and wrong captures are refused with their reason") {
-  SyntheticCapture synthetic("train_errors", 4, 2);
+  SyntheticCapture synthetic(4, 2);
   TrainSettings settings = short_run(10);
   settings.overrides = {{"lr_positron", "1"}};
   const Result<Scene> unknown = run(synthetic, settings);

@@ -15,7 +15,7 @@ using stgs::test::short_run;
 using stgs::test::SyntheticCapture;
 
 TEST_CASE("frames from disk give the same scene as frames in memory") {
-  const SyntheticCapture synthetic("train_frames");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(90);
   TrainReport report;
   const Result<Scene> resident = train(synthetic.capture, settings, nullptr, nullptr, &report);
@@ -39,7 +39,7 @@ TEST_CASE("frames from disk give the same scene as frames in memory") {
 }
 
 TEST_CASE("a training is stopped while its frames are loaded") {
-  const SyntheticCapture synthetic("train_stopped_loading");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(20);
   for (const std::uint64_t memory : {0, 3 * 3 * 96 * 64}) {
     settings.frame_memory = memory;
@@ -55,7 +55,7 @@ TEST_CASE("a training is stopped while its frames are loaded") {
 
 TEST_CASE(
     "a frame that breaks in the middle of a training is named, and what was trained is kept") {
-  const SyntheticCapture synthetic("train_broken_frame");
+  const SyntheticCapture synthetic;
   TrainSettings settings = short_run(90);
   const Result<Scene> whole = run(synthetic, settings);
   settings.frame_memory = 2 * 3 * 96 * 64;

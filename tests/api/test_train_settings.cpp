@@ -79,7 +79,7 @@ bool same_scene(const Scene& a, const Scene& b) {
 }  // namespace
 
 TEST_CASE("every hyper-parameter changes the scene or is refused, with and without ablations") {
-  const SyntheticCapture synthetic("train_settings", 3, 4);
+  const SyntheticCapture synthetic(3, 4);
   std::vector<std::string> parts = ablation_names();
   parts.insert(parts.begin(), "");
   std::map<std::string, std::vector<std::string>> left_out;
@@ -125,7 +125,7 @@ TEST_CASE("short runs densify as often as one of 600 iterations, unless told how
   CHECK(interval(30000, {}) == 100);
   CHECK(interval(290, {{"densify_interval", "100"}}) == 100);
 
-  const SyntheticCapture synthetic("train_short", 4, 2);
+  const SyntheticCapture synthetic(4, 2);
   const Values growing = {{"split_gradient", "1e-9"}, {"clone_gradient", "1e-9"}};
   TrainSettings settings = settings_of("", growing);
   settings.iterations = 40;
@@ -136,7 +136,7 @@ TEST_CASE("short runs densify as often as one of 600 iterations, unless told how
 }
 
 TEST_CASE("a run with a time limit densifies by its time where its steps are slow") {
-  const SyntheticCapture synthetic("train_seconds", 4, 2);
+  const SyntheticCapture synthetic(4, 2);
   TrainSettings settings = settings_of("", {{"densify_interval", "1000000"}});
   settings.iterations = 1000000;
   settings.max_seconds = 1;

@@ -112,7 +112,7 @@ TEST_CASE("windows cover the capture and share what was asked for") {
 }
 
 TEST_CASE("a window has the capture's frames, points and clock from its first frame on") {
-  const SyntheticCapture synthetic("windows_part", 4, 8);
+  const SyntheticCapture synthetic(4, 8);
   const PreparedCapture& whole = synthetic.capture;
   const Result<PreparedCapture> window = window_of(whole, {3, 7});
   REQUIRE(window.ok());
@@ -177,7 +177,7 @@ TEST_CASE("windows are trained alike where what is trained is the same, however 
 }
 
 TEST_CASE("windows share what stands still and the background, whatever moves and the seed") {
-  const SyntheticCapture synthetic("windows_start", 4, kFrames);
+  const SyntheticCapture synthetic(4, kFrames);
   const PreparedCapture& whole = synthetic.capture;
   const Start first = start_of(whole, {0, 12}, 1), second = start_of(whole, {10, 22}, 2);
   CHECK(first.moving.size() == 60);
@@ -196,7 +196,7 @@ TEST_CASE("windows share what stands still and the background, whatever moves an
 }
 
 TEST_CASE("windows trained apart and merged are as good as one, also at the seams") {
-  const SyntheticCapture synthetic("windows_merge", 4, kFrames);
+  const SyntheticCapture synthetic(4, kFrames);
   const PreparedCapture& whole = synthetic.capture;
   const std::string folder = whole.folder + "/";
   const auto spans = plan_windows(kFrames, 12, 4);

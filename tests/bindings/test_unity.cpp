@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "../api/sdk_fixture.h"
+#include "../api/temporary_folder.h"
 #include "stgs_unity.h"
 
 namespace stgs::testing {
@@ -177,15 +178,13 @@ stgs_unity_camera unity_camera(const stgs_view& view, double scale, double angle
 // A scene's file that goes with the object.
 struct File {
   std::vector<std::uint8_t> bytes = sdk_file();
-  std::string path = (std::filesystem::temp_directory_path() /
-                      ("stgs_unity_" + std::to_string(::getpid()) + ".stgs"))
-                         .string();
+  TemporaryFolder folder;
+  std::string path = folder / "scene.stgs";
   File() {
     std::ofstream(path, std::ios::binary)
         .write(reinterpret_cast<const char*>(bytes.data()),
                static_cast<std::streamsize>(bytes.size()));
   }
-  ~File() { std::filesystem::remove(path); }
 };
 
 // How many bytes of a texture differ from the library's own picture by more than `least`.

@@ -19,6 +19,7 @@
 #define STBI_ONLY_PNG
 #include <stb_image.h>
 
+#include "../api/temporary_folder.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::testing {
@@ -28,13 +29,6 @@ constexpr int kWidth = 160, kHeight = 120;
 constexpr int kUnsupported = 5;
 
 using Colour = std::array<int, 3>;
-
-struct Folder {
-  std::string path = (std::filesystem::temp_directory_path() / "stgs_embed_XXXXXX").string();
-  Folder() { REQUIRE(mkdtemp(path.data()) != nullptr); }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::string at(const char* name) const { return path + "/" + name; }
-};
 
 // An opaque splat that stands still, of those standard deviations.
 void add(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float wide, float thick,
@@ -51,7 +45,7 @@ void add(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float w
 }
 
 // A blue wall at z = 8, a green ball before it at z = 3, left of the middle.
-std::string write_scene_to(const Folder& folder, bool with_camera = true) {
+std::string write_scene_to(const TemporaryFolder& folder, bool with_camera = true) {
   Scene scene;
   scene.metadata.time_base = {1, 30};
   scene.metadata.frames = 30;
@@ -68,7 +62,7 @@ std::string write_scene_to(const Folder& folder, bool with_camera = true) {
   scene.gaussians.resize(2);
   add(scene.gaussians, 0, {0, 0, 8}, 60, 0.01f, {0, 0, 1});
   add(scene.gaussians, 1, {-0.25f, 0, 3}, 0.1f, 0.1f, {0, 1, 0});
-  const std::string path = folder.at("wall.stgs");
+  const std::string path = folder / "wall.stgs";
   REQUIRE(write_scene(path, scene, {}).ok());
   return path;
 }
@@ -87,10 +81,10 @@ std::string run(const std::string& arguments, int& code) {
 class Picture {
  public:
   // With the cube there.
-  Picture(const Folder& folder, const std::string& scene, const char* cube, int wide = kWidth,
-          int high = kHeight)
+  Picture(const TemporaryFolder& folder, const std::string& scene, const char* cube,
+          int wide = kWidth, int high = kHeight)
       : width_(wide) {
-    const std::string path = folder.at("picture.png");
+    const std::string path = folder / "picture.png";
     int code = -1;
     const std::string said = run(scene + " 0.5 " + path + " " + cube, code);
     INFO(said);
@@ -124,7 +118,7 @@ bool is_orange(Colour c) {
 }  // namespace
 
 TEST_CASE("splats before the cube cover it, and it hides those behind it") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const Picture picture(folder, write_scene_to(folder), "0 0 5 0.8");
   CHECK(is_green(picture.at(70, 60)));
   CHECK(is_orange(picture.at(90, 60)));
@@ -135,7 +129,7 @@ TEST_CASE("splats before the cube cover it, and it hides those behind it") {
 }
 
 TEST_CASE("a cube behind all splats is hidden, and one before all of them hides them") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string scene = write_scene_to(folder);
   const Picture behind(folder, scene, "0 0 12 0.8");
   const Picture before(folder, scene, "-0.15 0 2 0.3");
@@ -148,16 +142,16 @@ TEST_CASE("a cube behind all splats is hidden, and one before all of them hides 
 }
 
 TEST_CASE("a scene without a start camera is seen from before its bounds") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const Picture picture(folder, write_scene_to(folder, false), "", 1280, 720);
   CHECK(is_blue(picture.at(20, 20)));
   CHECK(is_green(picture.at(624, 360)));  // 5 from the camera, .125 left of it
 }
 
 TEST_CASE("a file that is none is told of") {
-  const Folder folder;
+  const TemporaryFolder folder;
   int code = 0;
-  const std::string said = run(folder.at("none.stgs") + " 0 " + folder.at("a.png"), code);
+  const std::string said = run(folder / "none.stgs" + " 0 " + folder / "a.png", code);
   CHECK(code == 4);
   CHECK(said.find("none.stgs") != std::string::npos);
 }

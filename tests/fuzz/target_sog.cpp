@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // SOG bundles: a zip archive of JSON and lossless WebP pictures, read from a path.
 #include "../api/sog_fixture.h"
+#include "../api/temporary_folder.h"
 
-#include <unistd.h>
 #include <zlib.h>
 
 #include <cstring>
@@ -18,15 +18,8 @@ constexpr std::uint32_t kLocal = 0x04034B50, kCentral = 0x02014B50;  // signatur
 
 // One for the process; libzip reads from files alone.
 const std::string& input_path() {
-  static const std::string path =
-      (std::filesystem::temp_directory_path() / ("stgs_fuzz_" + std::to_string(getpid()) + ".sog"))
-          .string();
-  static const struct Remove {
-    ~Remove() {
-      std::error_code ignored;
-      std::filesystem::remove(input_path(), ignored);
-    }
-  } remove_at_end;
+  static const testing::TemporaryFolder folder;
+  static const std::string path = folder / "input.sog";
   return path;
 }
 

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <random>
 
+#include "../api/temporary_folder.h"
 #include "backend/backend.h"
 #include "raster_scene.h"
 #include "stgs/format/raster.h"
@@ -234,10 +235,10 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
 
 TEST_CASE("a checkpoint of the coupled form brings back what is drawn, bit for bit") {
   const TrainState state = coupled_state(testing::scene_camera(64, 48), 20);
-  const std::string path = (std::filesystem::temp_directory_path() / "stgs_coupled.ckpt").string();
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "coupled.ckpt";
   REQUIRE(write_checkpoint(path, state, {}).ok());
   const Result<Checkpoint> checkpoint = read_checkpoint(path);
-  std::filesystem::remove(path);
   REQUIRE(checkpoint.ok());
   const TrainState* read = &checkpoint->state;
   CHECK(read->coupled.tick == state.coupled.tick);

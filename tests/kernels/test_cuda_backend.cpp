@@ -392,7 +392,7 @@ TEST_CASE("a plan that only just fits is taken, one that just does not is refuse
 }
 
 TEST_CASE("training on CUDA recovers a held-out view, and resumes to the same bits") {
-  const test::SyntheticCapture synthetic("train_cuda");
+  const test::SyntheticCapture synthetic;
   TrainSettings settings;
   settings.backend = "cuda";
   settings.preset = "fast";

@@ -111,7 +111,7 @@ TEST_CASE("densification of the coupled form makes the CPU's decisions") {
 }
 
 TEST_CASE("the coupled form trains on CUDA, and resumes to the same bits") {
-  const test::SyntheticCapture synthetic("train_cuda_coupled");
+  const test::SyntheticCapture synthetic;
   TrainSettings settings;
   settings.backend = "cuda";
   settings.preset = "fast";

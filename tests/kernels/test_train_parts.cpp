@@ -8,6 +8,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "../api/temporary_folder.h"
 #include "backend/cpu/regularisers.h"
 #include "stgs/format/math/blend.h"
 #include "train/adam.h"
@@ -51,10 +52,6 @@ Image random_image(int width, int height, std::uint64_t seed) {
   Random random(seed, 0, RandomPurpose::kInitial);
   for (float& v : image.data) v = random.uniform();
   return image;
-}
-
-std::string temporary_path(const char* name) {
-  return (std::filesystem::temp_directory_path() / name).string();
 }
 
 }  // namespace
@@ -379,7 +376,8 @@ TEST_CASE("the score prefers short, fast primitives at equal error and opacity")
 }
 
 TEST_CASE("a checkpoint brings every number back, and refuses damage") {
-  const std::string path = temporary_path("stgs_test_checkpoint.ckpt");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "run.ckpt";
   TrainState state = random_state(5, 9);
   state.iteration = 77;
   state.seconds = 1.5;
@@ -409,7 +407,8 @@ TEST_CASE("a checkpoint brings every number back, and refuses damage") {
 }
 
 TEST_CASE("a checkpoint of another layout is told from what is none") {
-  const std::string path = temporary_path("stgs_test_checkpoint_layout.ckpt");
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "run.ckpt";
   REQUIRE(write_checkpoint(path, random_state(2, 9), {}).ok());
   std::ifstream in(path, std::ios::binary);
   std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
@@ -427,7 +426,8 @@ TEST_CASE("a checkpoint of another layout is told from what is none") {
 }
 
 TEST_CASE("a control group's cached files are free memory, its shared memory is not") {
-  const std::filesystem::path root = temporary_path("stgs_test_groups");
+  const testing::TemporaryFolder folder;
+  const std::filesystem::path root = folder.path;
   const auto group = [&](const std::filesystem::path& name, const char* most, int held,
                          const char* statistics) {
     std::filesystem::create_directories(root / name);
@@ -444,7 +444,6 @@ TEST_CASE("a control group's cached files are free memory, its shared memory is 
   group("job/step", "100", 200, "file 50\nshmem 90\n");
   CHECK(group_room(root, "job/step") == 0);
   CHECK(group_room(root, "elsewhere") == ~std::uint64_t{0});
-  std::filesystem::remove_all(root);
 }
 
 TEST_CASE("a capture with its cameras in another order, or one less, is another") {
@@ -462,7 +461,8 @@ TEST_CASE("a capture with its cameras in another order, or one less, is another"
 
 TEST_CASE("a capture whose pictures have been replaced is another") {
   PreparedCapture capture;
-  capture.folder = std::filesystem::temp_directory_path() / "stgs_replaced_pictures";
+  const testing::TemporaryFolder folder;
+  capture.folder = folder.path;
   capture.frames = 2;
   capture.cameras.resize(1);
   capture.cameras[0].name = std::string(1, 'a');
@@ -476,7 +476,6 @@ TEST_CASE("a capture whose pictures have been replaced is another") {
   std::ofstream(capture.frame_path(capture.cameras[0], 1)) << "another picture";
   CHECK(check_same_run("k", before, pictures_of(capture)).message().find("pictures of camera a") !=
         std::string::npos);
-  std::filesystem::remove_all(capture.folder);
 }
 
 TEST_CASE("what differs between two runs is named, with both values") {
