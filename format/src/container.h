@@ -41,6 +41,8 @@ inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
 inline constexpr std::uint32_t kPrivateTag = tag_of("PRIV");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 inline constexpr std::uint32_t kFragmentTag = tag_of("FRAG");
+inline constexpr std::uint32_t kCopyTag = tag_of("COPY");
+inline constexpr std::uint16_t kCopyMinor = 1;  // the version of the format that has it
 
 // XXH3-64, seed 0 (spec 1.5).
 std::uint64_t checksum(std::span<const std::uint8_t> bytes);
@@ -200,6 +202,7 @@ struct FileHead {
   std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
   std::uint64_t there = 0;        // bytes of the file that there are
   std::uint64_t head_checksum = 0;
+  std::vector<std::uint8_t> repaired;  // the head, where it was read from its copy
   std::vector<PrivateName> private_names;
   std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
   std::vector<LostStretch> lost;         // the same
@@ -260,7 +263,40 @@ void check_window(SceneMetadata& metadata, Findings& findings);
 Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
 // The moments of the timeline at which a segment is shown; begin >= end: none.
 Interval shown_of(const FileHead& head, const SegmentEntry& segment);
-// Reads and checks the head (spec 2.3); false where the segments cannot be reached.
+// The fields of a header whose magic and checksum are right.
+std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes);
+// Whether records fill a head to its end and have right checksums; reports the first that is not
+// so.
+bool is_whole_head(std::span<const std::uint8_t> head, Findings& findings);
+// The bytes of a head that has been read.
+Result<std::vector<std::uint8_t>> read_head_bytes(const ByteSource& source, const FileHead& head);
+
+// A head, and the COPY record of it (spec 3.6) that ends the file or, where it grows, is the first
+// of its body.
+struct CopiedHead {
+  std::vector<std::uint8_t> head, copy;
+};
+// Of these records and, where the file does not grow, before so many bytes of other records; sets
+// the header's sizes.
+CopiedHead write_copied_head(FileHeader header, std::span<const std::uint8_t> records,
+                             std::uint64_t body_bytes);
+struct HeadCopy {
+  std::uint64_t offset = 0;        // of its record
+  std::vector<std::uint8_t> head;  // that it stands for
+};
+// The copy of a damaged head that begins with `first`, kHeaderBytes; nothing where there is no
+// right one.
+Result<std::optional<HeadCopy>> find_head_copy(const ByteSource& source,
+                                               std::span<const std::uint8_t> first,
+                                               const ReadLimits& limits);
+// Where the COPY record ends that a growing file's body begins with; where the body begins if there
+// is none.
+Result<std::uint64_t> end_of_head_copy(const ByteSource& source, const FileHeader& header);
+// That the payload of the COPY record at `at` stands for the file's head.
+void check_head_copy(const ByteSource& source, const FileHead& head, std::uint64_t at,
+                     std::span<const std::uint8_t> payload, Findings& findings);
+
+// Reads and checks the head (spec 2.3), or its copy; false where the segments cannot be reached.
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings);
 

@@ -288,8 +288,13 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
   const std::uint32_t complete = *last ? (*last)->header.frames : 0;
   if (fragments.unreached_frames() > complete) head.unreached_frames = fragments.unreached_frames();
   if (!*last) {  // nothing is complete yet
+    const Result<std::uint64_t> end = end_of_head_copy(source, head.header);
+    if (!end.ok()) {
+      findings.failed_read(body_at, end.status());
+      return false;
+    }
     head.index_bytes = body_at;
-    head.header.file_bytes = body_at;
+    head.header.file_bytes = *end;
     head.parts.push_back({0.0, static_cast<double>(head.metadata.scene.frames), 0});
     head.index.chunk_ticks = 1.0;
     return true;

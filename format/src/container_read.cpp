@@ -98,6 +98,21 @@ bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, F
 
 }  // namespace
 
+std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
+  if (bytes.size() < kHeaderBytes || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+    return {};
+  }
+  ByteReader in(bytes.subspan(kMagic.size()));
+  FileHeader header;
+  header.major = in.u16();
+  header.minor = in.u16();
+  header.flags = in.u32();
+  header.file_bytes = in.u64();
+  header.head_bytes = in.u64();
+  if (in.u64() != checksum(bytes.first(kHeaderBytes - 8))) return {};
+  return header;
+}
+
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
                   FileHeader& header, Findings& findings) {
   if (bytes.size() < kHeaderBytes) {
@@ -111,17 +126,12 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                                : "not an .stgs file");
     return false;
   }
-  ByteReader in(bytes.subspan(kMagic.size()));
-  header.major = in.u16();
-  header.minor = in.u16();
-  header.flags = in.u32();
-  header.file_bytes = in.u64();
-  header.head_bytes = in.u64();
-  const bool intact = in.u64() == checksum(bytes.first(kHeaderBytes - 8));
-  if (!intact) {
+  const std::optional<FileHeader> fields = intact_header(bytes);
+  if (!fields) {
     findings.error(N::kHeaderChecksum, 32, "the file header is damaged (checksum)");
     return false;
   }
+  header = *fields;
   if (header.major == 0) {
     findings.unsupported(N::kVersion, 8,
                          "format version 0.{} was an experiment before {}.0 and is not read; make "
@@ -233,26 +243,86 @@ void report_truncation(const FileHead& head, Findings& findings) {
 
 }  // namespace
 
+bool is_whole_head(std::span<const std::uint8_t> head, Findings& findings) {
+  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
+    RecordHeader record;
+    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
+    at += kRecordHeaderBytes;
+    if (!check_payload(record, head.subspan(at, record.length), at, findings)) return false;
+    at += record.length;
+  }
+  return true;
+}
+
+Result<std::vector<std::uint8_t>> read_head_bytes(const ByteSource& source, const FileHead& head) {
+  if (!head.repaired.empty()) return head.repaired;
+  std::vector<std::uint8_t> bytes(head.header.head_bytes);
+  STGS_TRY(source.read(0, bytes));
+  return bytes;
+}
+
+namespace {
+
+// As the header states it.
+bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHeader& header,
+                      std::vector<std::uint8_t>& bytes, Findings& findings) {
+  if (!parse_header(bytes, source.size(), header, findings)) return false;
+  if (header.head_bytes > limits.max_memory) {
+    findings.unsupported(N::kMemoryLimit, 24, "a head of {} bytes, more than the limit of {}",
+                         header.head_bytes, limits.max_memory);
+    return false;
+  }
+  bytes.resize(header.head_bytes);
+  const Status status = source.read(0, bytes);
+  if (!status.ok()) findings.failed_read(0, status);
+  return status.ok();
+}
+
+// The bytes of the head, those of its copy where they are damaged and it has one that is right.
+bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+                    std::vector<std::uint8_t>& bytes, Findings& findings) {
+  bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
+  if (Status status = source.read(0, bytes); !status.ok()) {
+    findings.failed_read(0, status);
+    return false;
+  }
+  const std::vector<std::uint8_t> first = bytes;
+  Findings found;
+  const bool read = read_stated_head(source, limits, head.header, bytes, found);
+  Findings damage;
+  const bool intact =
+      intact_header(first) ? !read || is_whole_head(bytes, damage) : first.size() < kHeaderBytes;
+  Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
+  if (!intact) copy = find_head_copy(source, first, limits);
+  if (!copy.ok()) {
+    if (copy.status().code() == StatusCode::kUnsupported) {
+      findings.unsupported(N::kMemoryLimit, 0, "{}", copy.status().message());
+    } else {
+      findings.failed_read(0, copy.status());
+    }
+    return false;
+  }
+  if (!*copy) {  // what is damaged is told by who reads it
+    findings.append(std::move(found));
+    return read;
+  }
+  const Issue why = (read ? damage : found).take().front();
+  findings.damage(N::kHeadCopy, why.offset,
+                  "the head is damaged and was read from its copy at byte {}; copy or fetch the "
+                  "file again ({}, issue {})",
+                  (*copy)->offset, why.message, why.number);
+  bytes = head.repaired = std::move((*copy)->head);
+  return parse_header(bytes, source.size(), head.header, findings);
+}
+
+}  // namespace
+
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings) {
   head.limits = limits;
   head.there = source.size();
-  std::vector<std::uint8_t> bytes(std::min<std::uint64_t>(kHeaderBytes, source.size()));
-  if (Status status = source.read(0, bytes); !status.ok()) {
-    findings.failed_read(0, status);
-    return false;
-  }
-  if (!parse_header(bytes, source.size(), head.header, findings)) return false;
-  if (head.header.head_bytes > limits.max_memory) {
-    findings.unsupported(N::kMemoryLimit, 24, "a head of {} bytes, more than the limit of {}",
-                         head.header.head_bytes, limits.max_memory);
-    return false;
-  }
-  bytes.resize(head.header.head_bytes);
-  if (Status status = source.read(0, bytes); !status.ok()) {
-    findings.failed_read(0, status);
-    return false;
-  }
+  std::vector<std::uint8_t> bytes;
+  if (!read_or_repair(source, limits, head, bytes, findings)) return false;
   if (!walk_head(bytes, limits, head, findings)) return false;
   head.index_bytes = head.header.head_bytes;
   if (head.growing()) {

@@ -8,8 +8,9 @@
 namespace stgs {
 namespace {
 
-constexpr double kSymbolBits = 6.0;  // of a stored table, for each symbol that it has, about
-constexpr double kTableBits = 16.0;
+// Of a stored table, for each symbol that it has and beside these, about; its copy (spec 3.6) too.
+constexpr double kSymbolBits = 8.0;
+constexpr double kTableBits = 20.0;
 constexpr std::size_t kMostMixed = kMaxTables - 256;  // one is left for each only symbol
 
 double log_term(std::uint64_t count) {

@@ -148,8 +148,9 @@ Result<FileHead> read_resumable(const ByteSource& source) {
     }
     const std::vector<Issue> issues = findings.take();
     if (std::any_of(issues.begin(), issues.end(), [](const Issue& i) { return i.error; })) {
-      return invalid_file("{}: a fragment of its index is damaged; 'stgs finalize' keeps the rest",
-                          source.name());
+      return invalid_file(
+          "{}: its head or a fragment of its index is damaged; 'stgs finalize' keeps the rest",
+          source.name());
     }
     if (head.fragments.empty()) return head;
     if (!is_ours(source, head)) {

@@ -50,17 +50,16 @@ class Finalizer {
     STGS_TRY(read_head_records(records));
     const std::vector<std::uint8_t> index =
         write_record(kIndexTag, write_index(head_.index, head_.parts));
+    records.insert(records.end(), index.begin(), index.end());
     FileHeader header;
     header.minor = head_.header.minor;  // as its records are
     header.flags = head_.header.flags & ~kGrowing;
-    header.head_bytes = kHeaderBytes + records.size() + index.size();
-    header.file_bytes = header.head_bytes + body_bytes_;
+    const CopiedHead head = write_copied_head(header, records, body_bytes_);
     OutputFile file;
     STGS_TRY(file.open(output));
-    STGS_TRY(file.write(write_header(header)));
-    STGS_TRY(file.write(records));
-    STGS_TRY(file.write(index));
+    STGS_TRY(file.write(head.head));
     STGS_TRY(write_body(file));
+    STGS_TRY(file.write(head.copy));
     if (head_.index.primitives > 0 && lost_primitives_ == head_.index.primitives) {
       return losses_.reason;
     }
@@ -83,7 +82,8 @@ class Finalizer {
   }
 
   // The records of [at, end) that are not critical: FRAG is, and so are segments that a damaged
-  // fragment has lost. Behind a header that is damaged there is nothing to be found.
+  // fragment has lost. The copy of the head is another one now. Behind a header that is damaged
+  // there is nothing to be found.
   Result<std::uint64_t> plan_others(std::uint64_t at, std::uint64_t end) {
     std::uint64_t found = 0;
     while (end - at >= kRecordHeaderBytes) {
@@ -96,7 +96,7 @@ class Finalizer {
         break;
       }
       const std::uint64_t size = kRecordHeaderBytes + record.length;
-      if ((record.flags & kCritical) == 0) {
+      if ((record.flags & kCritical) == 0 && record.tag != kCopyTag) {
         others_.push_back({at, at + size});
         found += size;
       }
@@ -118,8 +118,8 @@ class Finalizer {
 
   // All records of the head, META with the last fragment's frames and bounds.
   Status read_head_records(std::vector<std::uint8_t>& out) const {
-    out.resize(head_.header.head_bytes - kHeaderBytes);
-    STGS_TRY(source_.read(kHeaderBytes, out));
+    STGS_ASSIGN(out, read_head_bytes(source_, head_));
+    out.erase(out.begin(), out.begin() + kHeaderBytes);
     std::uint64_t size = 0;
     for (std::uint64_t at = 0; at < out.size(); at += size) {
       const std::span<std::uint8_t> rest = std::span(out).subspan(at);

@@ -43,13 +43,12 @@ class Recorder final : public SceneRecorder {
   }
 
   Status create(const std::string& path) {
-    std::vector<std::uint8_t> records = write_head_records(metadata_, {});
     FileHeader header;
     header.flags = kGrowing;
-    header.head_bytes = kHeaderBytes + records.size();
-    std::vector<std::uint8_t> head = write_header(header);
-    head.insert(head.end(), records.begin(), records.end());
+    auto [head, copy] = write_copied_head(header, write_head_records(metadata_, {}), 0);
     head_checksum_ = checksum(head);
+    head_copy_bytes_ = copy.size();
+    head.insert(head.end(), copy.begin(), copy.end());
     STGS_TRY(file_.create(path));
     return append_bytes(head);
   }
@@ -57,6 +56,7 @@ class Recorder final : public SceneRecorder {
   // Goes on with a file whose complete fragments are `head`; what follows them is cut off.
   Status resume(const std::string& path, const FileHead& head) {
     head_checksum_ = head.head_checksum;
+    head_copy_bytes_ = head.header.file_bytes - head.header.head_bytes;  // of no fragments
     if (!head.fragments.empty()) {
       frames_ = head.metadata.scene.frames;
       chunk_ticks_ = head.index.chunk_ticks;
@@ -132,7 +132,7 @@ class Recorder final : public SceneRecorder {
   Status write_stretch(Body& body) {
     Stretch stretch;
     stretch.part = body.parts.front();
-    if (!stretches_.empty()) stretch.part.skip = stretches_.back().fragment_bytes;
+    stretch.part.skip = stretches_.empty() ? head_copy_bytes_ : stretches_.back().fragment_bytes;
     stretch.attributes = body.index.attributes;
     stretch.primitives = body.index.primitives;
     std::vector<std::uint8_t> bytes;
@@ -197,6 +197,7 @@ class Recorder final : public SceneRecorder {
   RecordSettings settings_;
   double chunk_ticks_ =  // 0: open
       to_chunk(metadata_.scene.time_base.ticks(settings_.write.chunk_seconds));
+  std::uint64_t head_copy_bytes_ = 0;  // that lie before the first stretch
   std::vector<Stretch> stretches_;
   std::uint64_t head_checksum_ = 0;
   std::uint32_t frames_ = 0;

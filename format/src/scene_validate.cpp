@@ -94,6 +94,9 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
     }
+    if (intact && record.tag == kCopyTag && record.flags == 0) {
+      check_head_copy(source, head, at, bytes, findings);
+    }
     if (intact) check_private_record(record, bytes, at, findings);
     // spec 5.7, 6.1: what a later version adds need not be known here.
     if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kHarmonics)) {
@@ -235,23 +238,19 @@ void check_further(const ByteSource& source, const FileHead& head, Findings& fin
 
 // What the reader of the head has passed over.
 void walk_head_records(const ByteSource& source, const FileHead& head, Findings& findings) {
-  for (std::uint64_t at = kHeaderBytes; at < head.header.head_bytes;) {
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    if (Status status = source.read(at, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
+  const Result<std::vector<std::uint8_t>> bytes = read_head_bytes(source, head);
+  if (!bytes.ok()) return findings.failed_read(0, bytes.status());
+  for (std::uint64_t at = kHeaderBytes; at < bytes->size();) {
+    const auto rest = std::span(*bytes).subspan(at);
     RecordHeader record;
-    if (!parse_record_header(bytes, at, head.header.head_bytes, record, findings)) return;
+    if (!parse_record_header(rest, at, bytes->size(), record, findings)) return;
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     at = payload_at + record.length;
     if ((record.flags & kCritical) != 0) continue;
-    bytes.resize(record.length);
-    if (Status status = source.read(payload_at, bytes); !status.ok()) {
-      return findings.failed_read(payload_at, status);
-    }
+    const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
     if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
-    if (!check_payload(record, bytes, payload_at, findings)) continue;
-    check_private_record(record, bytes, payload_at, findings);
+    if (!check_payload(record, payload, payload_at, findings)) continue;
+    check_private_record(record, payload, payload_at, findings);
   }
 }
 

@@ -188,19 +188,21 @@ double longest_of(std::span<const PartRange> parts) {
 }
 
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
-  FileHeader header;
   const std::vector<IndexEntry*> records = records_of(body.index.segments);
   std::uint64_t body_bytes = body.importance.size();
   for (const IndexEntry* record : records) body_bytes += record->bytes;
-  std::vector<std::uint8_t> out = write_finished_head(
-      metadata, body.layouts, write_index(body.index, body.parts), body_bytes, header);
-  std::uint64_t at = header.head_bytes;
+  std::vector<std::uint8_t> head_records = write_head_records(metadata, body.layouts);
+  const std::vector<std::uint8_t> index =
+      write_record(kIndexTag, write_index(body.index, body.parts));
+  head_records.insert(head_records.end(), index.begin(), index.end());
+  auto [out, copy] = write_copied_head({}, head_records, body_bytes);
+  std::uint64_t at = out.size();
   for (IndexEntry* record : records) {
     record->offset = at;
     at += record->bytes;
   }
-  out.resize(header.file_bytes);
-  const auto place_at = [&out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
+  out.resize(out.size() + body_bytes + copy.size());
+  const auto place_at = [&out = out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
     std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
   };
   for (std::size_t s = 0; s < body.index.segments.size(); ++s) {
@@ -208,6 +210,7 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
     place_at(body.harmonics[s], body.index.segments[s].harmonics.offset);
   }
   place_at(body.importance, at);
+  place_at(copy, at + body.importance.size());
   return out;
 }
 
@@ -276,20 +279,6 @@ std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
     add(kLayoutTag, payload.view(), kCritical);
   }
   if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
-  return out;
-}
-
-std::vector<std::uint8_t> write_finished_head(const FileMetadata& metadata,
-                                              const LayoutSet& layouts,
-                                              std::span<const std::uint8_t> index,
-                                              std::uint64_t body_bytes, FileHeader& header) {
-  std::vector<std::uint8_t> records = write_head_records(metadata, layouts);
-  const std::vector<std::uint8_t> last = write_record(kIndexTag, index);
-  records.insert(records.end(), last.begin(), last.end());
-  header.head_bytes = kHeaderBytes + records.size();
-  header.file_bytes = header.head_bytes + body_bytes;
-  std::vector<std::uint8_t> out = write_header(header);
-  out.insert(out.end(), records.begin(), records.end());
   return out;
 }
 

@@ -24,11 +24,4 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
 // META, LAYT where there are layouts, and WNDW where there is a window.
 std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
                                              const LayoutSet& layouts);
-// Header and head of a file whose index is in its head, before a body of so many bytes; sets the
-// header's sizes.
-std::vector<std::uint8_t> write_finished_head(const FileMetadata& metadata,
-                                              const LayoutSet& layouts,
-                                              std::span<const std::uint8_t> index,
-                                              std::uint64_t body_bytes, FileHeader& header);
-
 }  // namespace stgs

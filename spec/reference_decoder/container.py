@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from operator import le
 
 import layouts
-from fields import RECORD, Fields, Refused, checksum, need
+from copies import HEADER, MAGIC, mended
+from fields import RECORD, Fields, Refused, checksum, need, record_at
 from index import read_index
 from metadata import read_meta, read_private_names, read_window
 
-HEADER = 40
 CRITICAL = (b"META", b"LAYT", b"INDX", b"FRAG", b"SEGM")  # 3.2
 
 
@@ -39,7 +39,7 @@ class File:
 
 def read_header(data):
     need(len(data) >= HEADER, "2.2", "too short for a header")
-    need(data[:8] == b"\x89STG\r\n\x1a\n", "2.1", "other first bytes")
+    need(data[:8] == MAGIC, "2.1", "other first bytes")
     fields = Fields(data[8:HEADER], "2.2")
     major, minor, flags = fields.u16(), fields.u16(), fields.u32()
     file_bytes, head_bytes = fields.u64(), fields.u64()
@@ -52,18 +52,6 @@ def read_header(data):
     need(head_bytes >= HEADER, "2.3", f"a head of {head_bytes} bytes")
     need(head_bytes <= len(data), "2.6", "shorter than its head")
     return head_bytes, len(data) if growing else file_bytes, growing
-
-
-def record_at(data, at, end):
-    """Tag, flags, payload and its stated checksum of the record at `at` of an area (3.1, 3.3)."""
-    need(end - at >= RECORD, "3.3", f"a record header is cut off at {at}")
-    head = data[at:at + RECORD]
-    fields = Fields(head, "3.1")
-    tag, flags, length = fields.bytes(4), fields.u32(), fields.u64()
-    payload_sum = fields.u64()
-    need(fields.u64() == checksum(head[:24]), "3.1", f"the checksum of the record header at {at}")
-    need(length <= end - at - RECORD, "3.3", f"record {tag} runs past the end of its area")
-    return tag, flags, data[at + RECORD:at + RECORD + length], payload_sum
 
 
 def known(tag, flags, tags):
@@ -257,7 +245,10 @@ def read_importance(file):
 
 
 def open_file(data, limits):
-    file = File(data, limits=limits)
-    file.head_bytes, file.end, file.growing = read_header(data)
+    head = mended(data, limits)
+    file = File(data if head is None else head + data[len(head):], limits=limits)
+    if head is not None:
+        file.damage.append(Refused("3.6", "the head is damaged and was read from its copy"))
+    file.head_bytes, file.end, file.growing = read_header(file.data)
     read_head(file, limits)
     return file

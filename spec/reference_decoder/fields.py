@@ -82,3 +82,15 @@ class Fields:
                 need(byte > 0 or shift == 0, "1.8", "a number of more bytes than it needs")
                 return value
             shift += 7
+
+
+def record_at(data, at, end):
+    """Tag, flags, payload and its stated checksum of the record at `at` of an area (3.1, 3.3)."""
+    need(end - at >= RECORD, "3.3", f"a record header is cut off at {at}")
+    head = data[at:at + RECORD]
+    fields = Fields(head, "3.1")
+    tag, flags, length = fields.bytes(4), fields.u32(), fields.u64()
+    payload_sum = fields.u64()
+    need(fields.u64() == checksum(head[:24]), "3.1", f"the checksum of the record header at {at}")
+    need(length <= end - at - RECORD, "3.3", f"record {tag} runs past the end of its area")
+    return tag, flags, data[at + RECORD:at + RECORD + length], payload_sum

@@ -4,11 +4,11 @@ import math
 import struct
 
 import numpy as np
-import zstandard
 
 import rans
-from container import floats_bytes, known, present, record_at
-from fields import Fields, Refused, checksum, need
+from container import floats_bytes, known, present
+from fields import Fields, Refused, checksum, need, record_at
+from frames import check_stored, unpack
 from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
 
 F32 = np.float32
@@ -94,31 +94,8 @@ def check_sizes(record, n):  # 7.2
     for s, data in zip(layout, stored):
         need(s.optional() or s.coder != DRACO, "7.2.1", "positions that need Draco to be decoded",
              unsupported=True)
-        if s.optional() or s.coder == RANS or len(data) == n * s.planes():
-            continue
-        need(data[:4] == b"\x28\xb5\x2f\xfd", "7.2.2", "neither planes nor a frame")
-        need(len(data) > 4 and data[4] & 12 == 0, "7.2.2", "a reserved bit, or a checksum")
-        try:
-            frame = zstandard.get_frame_parameters(data)
-        except zstandard.ZstdError:
-            need(False, "7.2.2", "a frame that is cut off")
-        need(frame.content_size == n * s.planes() and frame.dict_id == 0, "7.2.2",
-             "a frame of another size, or with a dictionary")
-        need(frame.window_size <= max(8 << 20, frame.content_size), "7.2.2", "too large a window")
-        need(frame.content_size <= 32768 * len(data), "7.2.2", "a frame cannot hold that much")
-
-
-def unpack(data, size):  # 7.2, coder 0
-    if len(data) == size:
-        return data
-    frame = zstandard.ZstdDecompressor().decompressobj()
-    try:
-        planes = frame.decompress(data)
-    except zstandard.ZstdError as error:
-        need(False, "7.2", f"zstd: {error}")
-    need(len(planes) == size and frame.eof and not frame.unused_data, "7.2",
-         "a frame of another size, or something after it")
-    return planes
+        if not s.optional() and s.coder != RANS:
+            check_stored(data, n * s.planes())
 
 
 def decode_record(file, tier, record, out):

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "copy_fixture.h"
 #include "scene_fixture.h"
 
 namespace stgs::testing {
@@ -18,6 +19,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 inline constexpr std::size_t kHeader = 40, kRecord = 32;
 
+// Without the copy of its head.
 inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
   WriteSettings settings;
   settings.profile = profile;
@@ -25,7 +27,7 @@ inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = 
   settings.own_layouts = own_layouts;
   auto bytes = encode_scene(random_scene(n, 1, 30, 21), settings);
   REQUIRE(bytes.ok());
-  return std::move(*bytes);
+  return without_copy(std::move(*bytes));
 }
 
 // Opens and decodes all of it.

@@ -9,6 +9,7 @@
 
 #include "bytes.h"
 #include "container.h"
+#include "copy_fixture.h"
 
 namespace stgs::testing {
 
@@ -20,9 +21,10 @@ inline FileHead head_of(const std::vector<std::uint8_t>& bytes) {
   return head;
 }
 
+// Without the copy of the head.
 inline std::vector<std::uint8_t> body_of(const std::vector<std::uint8_t>& bytes) {
   return {bytes.begin() + static_cast<std::ptrdiff_t>(head_of(bytes).header.head_bytes),
-          bytes.end()};
+          bytes.begin() + static_cast<std::ptrdiff_t>(copy_at(bytes))};
 }
 
 // A file whose head is these records; the header states the sizes.
@@ -38,10 +40,10 @@ inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint
   return out;
 }
 
-// The file with this payload for INDX; the header states the sizes.
+// The file with this payload for INDX, without a copy of its head; the header states the sizes.
 inline std::vector<std::uint8_t> with_index(const std::vector<std::uint8_t>& bytes,
                                             std::span<const std::uint8_t> payload) {
-  const std::span<const std::uint8_t> all(bytes);
+  const std::span<const std::uint8_t> all = std::span(bytes).first(copy_at(bytes));
   ByteReader header(all.subspan(24));
   const std::uint64_t head_bytes = header.u64();
   std::vector<std::vector<std::uint8_t>> records;

@@ -26,7 +26,7 @@ TEST_CASE("what is there of a truncated file can be read") {
     settings.chunk_seconds = 0.2;
     const auto encoded = encode_scene(scene, settings);
     REQUIRE(encoded.ok());
-    const Bytes& whole = *encoded;
+    const Bytes whole = without_copy(*encoded);
     const auto sound = SceneReader::open(memory_source(whole));
     REQUIRE(sound.ok());
     REQUIRE((*sound)->segments().size() > 3);

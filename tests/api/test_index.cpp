@@ -30,7 +30,7 @@ Bytes small_file(Profile profile = Profile::kLossless, std::size_t n = 40) {
   settings.chunk_seconds = 0.25;
   auto bytes = encode_scene(random_scene(n, 1, kFrames, 21), settings);
   REQUIRE(bytes.ok());
-  return std::move(*bytes);
+  return testing::without_copy(std::move(*bytes));
 }
 
 std::set<int> issues_of(const Bytes& bytes, const ReadLimits& limits = {}) {

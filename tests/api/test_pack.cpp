@@ -7,6 +7,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
+#include "copy_fixture.h"
 #include "scene_fixture.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/raster.h"
@@ -472,7 +473,7 @@ TEST_CASE("a lossless scene keeps its importances, each with its primitive") {
     CHECK(read->importance[i] == read->gaussians.position[3 * i] + 10.0f);
   }
   std::vector<std::uint8_t> damaged = *bytes;
-  damaged.back() ^= 1;
+  damaged[testing::copy_at(damaged) - 1] ^= 1;
   CHECK(read_scene(memory_source(damaged)).status().code() == StatusCode::kInvalidFile);
   scene.importance[3] = -1.0f;
   CHECK(encode_scene(scene, {}).status().code() == StatusCode::kUsage);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "copy_fixture.h"
 #include "sdk_fixture.h"
 
 namespace stgs::testing {
@@ -128,9 +129,20 @@ TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]")
   CHECK(std::count(pixels.begin(), pixels.end(), 7) == static_cast<long>(pixels.size()));
 }
 
-TEST_CASE("a damaged head is told with its byte", "[sdk]") {
-  auto file = sdk_file();
-  file[20] ^= 1;  // of the header, which has a checksum
+TEST_CASE("a damaged head is told with its byte, and read from its copy", "[sdk]") {
+  auto copied = sdk_file();
+  copied[20] ^= 1;  // of the header, which has a checksum
+  const ScenePtr mended = make_scene();
+  REQUIRE(stgs_scene_open_memory(mended.get(), copied.data(), copied.size()) == STGS_OK);
+  stgs_issue issue{};
+  issue.struct_size = sizeof issue;
+  REQUIRE(stgs_scene_get_issue(mended.get(), 0, &issue) == STGS_OK);
+  CHECK(issue.number == 118);
+  CHECK(issue.offset == 32);
+  CHECK(stgs_scene_get_issue(mended.get(), 1, &issue) == STGS_ERROR_ARGUMENT);
+
+  auto file = without_copy(sdk_file());
+  file[20] ^= 1;
   const ScenePtr scene = make_scene();
   CHECK(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_ERROR_INVALID_FILE);
   const stgs_error error = error_of(scene.get());
@@ -140,7 +152,7 @@ TEST_CASE("a damaged head is told with its byte", "[sdk]") {
 }
 
 TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
-  auto file = sdk_file();
+  auto file = without_copy(sdk_file());
   file.resize(file.size() - 100);
   std::string logged;
   stgs_scene_settings settings = scene_settings();

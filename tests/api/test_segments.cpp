@@ -155,7 +155,8 @@ TEST_CASE("segments follow each other in the file by beginning, the longer first
                               segments[i].end_ticks <= segments[i - 1].end_ticks;
     CHECK((later || longer_first));
   }
-  CHECK(segments.back().offset + segments.back().bytes == reader->file_bytes());
+  // Behind them the copy of the head alone.
+  CHECK(segments.back().offset + segments.back().bytes > reader->file_bytes() - 1000);
 }
 
 TEST_CASE("a short life is in a segment at most four times as long, or of one chunk") {

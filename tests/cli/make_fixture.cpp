@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <functional>
 
+#include "../api/copy_fixture.h"
 #include "../api/scene_fixture.h"
 #ifdef STGS_HAS_SOG
 #include "../api/sog_fixture.h"
@@ -80,9 +81,10 @@ Status write_capture(const Scene& scene, const std::string& folder) {
   return encoder::write_prepared_capture(capture);
 }
 
-// Rewrites the head of a file after `change`, with checksums that fit.
-Status write_changed_head(const std::vector<std::uint8_t>& bytes, const std::string& path,
+// Rewrites the head of a file after `change`, with checksums that fit, and without a copy.
+Status write_changed_head(const std::vector<std::uint8_t>& copied, const std::string& path,
                           const std::function<void(FileHead&)>& change) {
+  const std::vector<std::uint8_t> bytes = testing::without_copy(copied);
   Findings findings;
   FileHead head;
   const auto source = memory_source(bytes);

@@ -16,6 +16,7 @@ from vectors_broken_container import broken_header, broken_head, broken_index, b
 from vectors_broken_records import (broken_harmonics, broken_rans, broken_segment,
                                     broken_streams)
 from vectors_container import sound_container
+from vectors_copies import broken_copies, damaged_heads, sound_copies
 from vectors_growing import broken_growing, sound_growing
 from vectors_records import sound_coded, sound_lossless
 
@@ -23,7 +24,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing, broken_rules,
-             broken_header, broken_head, broken_index,
+             broken_header, broken_head, broken_index, sound_copies, damaged_heads, broken_copies,
              broken_segment, broken_harmonics, broken_streams, broken_rans):
     make()
 
@@ -65,7 +66,7 @@ def main():
             print(f"{v.name}, {v.clause}: {lines}")
         entries.append(entry)
     with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
-        json.dump({"format": ".".join(map(str, VERSION)), "vectors": entries}, file, indent=1)
+        json.dump({"format": "1.1", "vectors": entries}, file, indent=1)
         file.write("\n")
     print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
           f"{sum(len(v.data) for v in VECTORS)} bytes")

@@ -21,24 +21,29 @@ class Fragment:
 
 
 def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1,
-            keep_skips=False, meta=None):
-    """A recording of these parts, a FRAG record behind each; the last one of all where closed."""
+            keep_skips=False, meta=None, copy=None):
+    """A recording of these parts, a FRAG record behind each; the last one of all where closed. `copy`:
+    makes the COPY record of a head."""
     meta = meta or Meta(profile=0, frames=1)
     head = record(b"META", meta.payload()) + head_last
-    out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", *VERSION, flags, file_bytes, 40 + len(head))
+    version = (VERSION[0], 1) if copy else VERSION
+    out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", *version, flags, file_bytes, 40 + len(head))
     out += struct.pack("<Q", checksum(out)) + head
     offsets, sizes, head_sum = [], [], checksum(out)
+    copied = copy(out) if copy else b""
+    out += copied
     for i, part in enumerate(parts, 1):
         out += File([part]).body()
         first = i & (i - 1)  # lists as many as the greatest power of two in i
         said = fragments[i - 1] if fragments else Fragment()
         offsets.append(len(out))
-        out += fragment(parts[first:i], part.end, said, (sizes[first - 1:] if first else [0] + sizes),
+        out += fragment(parts[first:i], part.end, said,
+                        (sizes[first - 1:] if first else [len(copied)] + sizes),
                         len(out), head_sum, offsets[first - 1] if first else 0, ([0] + offsets)[-2],
                         keep_skips)
         sizes.append(len(out) - offsets[-1])
     if closed:
-        out += fragment(parts, parts[-1].end, closed, [0] + sizes, len(out), head_sum, 0, offsets[-1])
+        out += fragment(parts, parts[-1].end, closed, [len(copied)] + sizes, len(out), head_sum, 0, offsets[-1])
     return out + tail
 
 

@@ -18,7 +18,7 @@
 namespace stgs {
 
 inline constexpr std::uint16_t kFormatMajor = 1;
-inline constexpr std::uint16_t kFormatMinor = 0;
+inline constexpr std::uint16_t kFormatMinor = 1;
 
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float as trained

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+// The head once more, for where it is damaged (spec 3.6).
+#include <algorithm>
+
+#include "bytes.h"
+#include "container.h"
+#include "planes.h"
+#include "zstd_frame.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+using Bytes = std::vector<std::uint8_t>;
+using Found = std::optional<HeadCopy>;
+
+constexpr std::uint64_t kLengthBytes = 8;
+// That are passed over on the way to a copy where nothing tells how long the head is.
+constexpr int kMostRecordsBefore = 64;
+
+Bytes pack_records(std::span<const std::uint8_t> records) {
+  constexpr int kLevel = 19;  // a head is small
+  return compress_planes(records, records.size(), kLevel);
+}
+
+std::uint64_t payload_bytes(std::span<const std::uint8_t> packed) {
+  return kHeaderBytes + packed.size() + kLengthBytes;
+}
+
+Bytes write_copy(std::span<const std::uint8_t> header, std::span<const std::uint8_t> packed) {
+  ByteWriter payload;
+  payload.bytes(header);
+  payload.bytes(packed);
+  payload.u64(payload_bytes(packed));
+  return write_record(kCopyTag, payload.view(), 0);
+}
+
+// The payload of a COPY record as the head that it stands for; empty: it is none.
+Bytes unpack_copy(std::span<const std::uint8_t> payload, const FileHeader& header) {
+  const auto records = payload.subspan(kHeaderBytes, payload.size() - kHeaderBytes - kLengthBytes);
+  const std::uint64_t size = header.head_bytes - kHeaderBytes;
+  if (records.size() != size && zstd_frame_problem(records, size) != nullptr) return {};
+  Bytes out(header.head_bytes);
+  std::copy_n(payload.begin(), kHeaderBytes, out.begin());
+  const auto rest = std::span(out).subspan(kHeaderBytes);
+  if (records.size() == size) {
+    std::copy(records.begin(), records.end(), rest.begin());
+  } else if (zstd_unpack(records, rest) != nullptr) {
+    return {};
+  }
+  Findings ignored;
+  return is_whole_head(out, ignored) ? out : Bytes();
+}
+
+// Whether a copy of a head with this header may be at [at, end).
+bool is_its_place(const FileHeader& header, std::uint64_t at, std::uint64_t end) {
+  return (header.flags & kGrowing) != 0 ? at == header.head_bytes : end == header.file_bytes;
+}
+
+// A record that lies whole in the file, with a right header.
+Result<std::optional<RecordHeader>> record_at(const ByteSource& source, std::uint64_t offset) {
+  std::optional<RecordHeader> none;
+  if (offset > source.size() || source.size() - offset < kRecordHeaderBytes) return none;
+  Bytes bytes(kRecordHeaderBytes);
+  STGS_TRY(source.read(offset, bytes));
+  Findings ignored;  // whatever is wrong: there is no such record
+  RecordHeader header;
+  if (!parse_record_header(bytes, offset, source.size(), header, ignored)) return none;
+  return std::optional(header);
+}
+
+bool is_copy(const RecordHeader& record) {
+  return record.tag == kCopyTag && record.flags == 0 &&
+         record.length >= kHeaderBytes + kLengthBytes;
+}
+
+class Search {
+ public:
+  Search(const ByteSource& source, std::span<const std::uint8_t> first, const ReadLimits& limits)
+      : source_(source), first_(first), stated_(intact_header(first)), limits_(limits) {}
+
+  Result<Found> run() const {
+    if (stated_ && (stated_->flags & kGrowing) != 0) return at(stated_->head_bytes);
+    STGS_ASSIGN(Found found, before(stated_ ? stated_->file_bytes : source_.size()));
+    if (found || stated_) return found;
+    return behind_records();
+  }
+
+ private:
+  Result<Found> at(std::uint64_t offset) const {
+    STGS_ASSIGN(const auto record, record_at(source_, offset));
+    if (!record || !is_copy(*record)) return Found();
+    STGS_TRY(check_memory(record->length));
+    Bytes payload(record->length);
+    STGS_TRY(source_.read(offset + kRecordHeaderBytes, payload));
+    if (checksum(payload) != record->checksum) return Found();
+    const std::optional<FileHeader> header = intact_header(payload);
+    if (!header || header->head_bytes < kHeaderBytes) return Found();
+    const std::uint64_t end = offset + kRecordHeaderBytes + record->length;
+    const bool growing = (header->flags & kGrowing) != 0;
+    const bool own = stated_ ? std::equal(first_.begin(), first_.end(), payload.begin())
+                             : header->file_bytes == (growing ? 0 : source_.size());
+    if (!own || !is_its_place(*header, offset, end)) return Found();
+    STGS_TRY(check_memory(header->head_bytes));
+    Bytes head = unpack_copy(payload, *header);
+    return head.empty() ? Found() : Found({offset, std::move(head)});
+  }
+
+  // That which ends there.
+  Result<Found> before(std::uint64_t end) const {
+    constexpr std::uint64_t kLeast = kRecordHeaderBytes + kHeaderBytes + kLengthBytes;
+    if (end > source_.size() || end < kLeast) return Found();
+    Bytes bytes(kLengthBytes);
+    STGS_TRY(source_.read(end - kLengthBytes, bytes));
+    const std::uint64_t length = ByteReader(bytes).u64();
+    if (length > end - kRecordHeaderBytes) return Found();
+    return at(end - kRecordHeaderBytes - length);
+  }
+
+  // That of a growing file whose header does not tell where its head ends.
+  Result<Found> behind_records() const {
+    std::uint64_t offset = kHeaderBytes;
+    for (int passed = 0; passed <= kMostRecordsBefore; ++passed) {
+      STGS_ASSIGN(const auto record, record_at(source_, offset));
+      if (!record || record->tag == kSegmentTag || record->tag == kFragmentTag) break;
+      if (record->tag == kCopyTag) return at(offset);
+      offset += kRecordHeaderBytes + record->length;
+    }
+    return Found();
+  }
+
+  Status check_memory(std::uint64_t bytes) const {
+    if (bytes <= limits_.max_memory) return {};
+    return unsupported("a copy of the head of {} bytes, more than the limit of {}", bytes,
+                       limits_.max_memory);
+  }
+
+  const ByteSource& source_;
+  const std::span<const std::uint8_t> first_;
+  const std::optional<FileHeader> stated_;  // where the header is right
+  const ReadLimits& limits_;
+};
+
+}  // namespace
+
+CopiedHead write_copied_head(FileHeader header, std::span<const std::uint8_t> records,
+                             std::uint64_t body_bytes) {
+  const Bytes packed = pack_records(records);
+  header.minor = std::max(header.minor, kCopyMinor);
+  header.head_bytes = kHeaderBytes + records.size();
+  if ((header.flags & kGrowing) == 0) {
+    header.file_bytes = header.head_bytes + body_bytes + kRecordHeaderBytes + payload_bytes(packed);
+  }
+  CopiedHead out{write_header(header), {}};
+  out.copy = write_copy(out.head, packed);
+  out.head.insert(out.head.end(), records.begin(), records.end());
+  return out;
+}
+
+Result<Found> find_head_copy(const ByteSource& source, std::span<const std::uint8_t> first,
+                             const ReadLimits& limits) {
+  return Search(source, first, limits).run();
+}
+
+Result<std::uint64_t> end_of_head_copy(const ByteSource& source, const FileHeader& header) {
+  STGS_ASSIGN(const auto record, record_at(source, header.head_bytes));
+  if (!record || !is_copy(*record)) return header.head_bytes;
+  return header.head_bytes + kRecordHeaderBytes + record->length;
+}
+
+void check_head_copy(const ByteSource& source, const FileHead& head, std::uint64_t at,
+                     std::span<const std::uint8_t> payload, Findings& findings) {
+  if (!is_its_place(head.header, at, at + kRecordHeaderBytes + payload.size())) {
+    return findings.error(N::kHeadCopy, at, "a copy of the head where readers do not look for it");
+  }
+  const Result<Bytes> own = read_head_bytes(source, head);
+  if (!own.ok()) return findings.failed_read(0, own.status());
+  const bool same = payload.size() >= kHeaderBytes + kLengthBytes &&
+                    ByteReader(payload.last(kLengthBytes)).u64() == payload.size() &&
+                    std::equal(own->begin(), own->begin() + kHeaderBytes, payload.begin()) &&
+                    unpack_copy(payload, head.header) == *own;
+  if (!same) findings.error(N::kHeadCopy, at, "the copy of the head is not the head");
+}
+
+}  // namespace stgs

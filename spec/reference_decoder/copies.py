@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clause 3.6: a damaged head, and its copy."""
+from fields import RECORD, Refused, checksum, need, record_at
+from frames import check_stored, unpack
+
+HEADER = 40
+MAGIC = b"\x89STG\r\n\x1a\n"
+MOST_PASSED = 64
+
+
+def number(data, at, size):
+    return int.from_bytes(data[at:at + size], "little")
+
+
+def is_right(header):
+    return len(header) == HEADER and header[:8] == MAGIC and number(header, 32, 8) == checksum(header[:32])
+
+
+def sizes(header):
+    """Whether the file grows, file_bytes and head_bytes."""
+    return number(header, 12, 4) & 1 == 1, number(header, 16, 8), number(header, 24, 8)
+
+
+def is_damaged(head):
+    """Of the bytes of a head with a right header."""
+    try:
+        at = HEADER
+        while at < len(head):
+            _, _, payload, payload_sum = record_at(head, at, len(head))
+            need(checksum(payload) == payload_sum, "3.1", "the checksum of a record")
+            at += RECORD + len(payload)
+        return False
+    except Refused:
+        return True
+
+
+def head_in_copy(data, at, limits):
+    """The head that the COPY record at `at` stands for, or None where it does not count."""
+    try:
+        tag, flags, payload, payload_sum = record_at(data, at, len(data))
+        need((tag, flags) == (b"COPY", 0) and checksum(payload) == payload_sum, "3.6", "no copy")
+        need(len(payload) >= HEADER + 8 and number(payload, len(payload) - 8, 8) == len(payload), "3.6", "its length")
+        header, stored = payload[:HEADER], payload[HEADER:-8]
+        need(is_right(header), "3.6", "its header")
+        growing, file_bytes, head_bytes = sizes(header)
+        need(head_bytes >= HEADER, "3.6", "its head")
+        if is_right(data[:HEADER]):
+            need(header == data[:HEADER], "3.6", "another header")
+        else:
+            need(file_bytes == (0 if growing else len(data)), "3.6", "a file of another size")
+        end = at + RECORD + len(payload)
+        need(at == head_bytes if growing else end == file_bytes, "3.6", "another place")
+    except Refused:
+        return None
+    need(max(head_bytes, len(payload)) <= limits.max_memory, "conformance 1.5", "a copy of the head", unsupported=True)
+    try:
+        check_stored(stored, head_bytes - HEADER)
+        head = header + unpack(stored, head_bytes - HEADER)
+    except Refused:
+        return None
+    return None if is_damaged(head) else head
+
+
+def ending_at(data, end, limits):
+    if not HEADER + RECORD + 8 <= end <= len(data):
+        return None
+    at = end - RECORD - number(data, end - 8, 8)
+    return head_in_copy(data, at, limits) if at >= 0 else None
+
+
+def behind_records(data, limits):
+    at = HEADER
+    try:
+        for _ in range(MOST_PASSED + 1):
+            tag, _, payload, _ = record_at(data, at, len(data))
+            if tag == b"COPY":
+                return head_in_copy(data, at, limits)
+            if tag in (b"SEGM", b"FRAG"):
+                return None
+            at += RECORD + len(payload)
+    except Refused:
+        pass
+    return None
+
+
+def mended(data, limits):
+    """The head that the copy of a damaged one stands for; None where none is damaged, or none counts."""
+    header = data[:HEADER]
+    if len(header) < HEADER:
+        return None
+    if not is_right(header):
+        return ending_at(data, len(data), limits) or behind_records(data, limits)
+    growing, file_bytes, head_bytes = sizes(header)
+    if head_bytes > len(data) or not is_damaged(data[:head_bytes]):
+        return None
+    return head_in_copy(data, head_bytes, limits) if growing else ending_at(data, file_bytes, limits)
