@@ -28,7 +28,7 @@ void draw(int count, char** arguments) {
   stgs_scene_info info{};
   info.struct_size = sizeof info;
   app::must(stgs_scene_get_info(made, &info), made);
-  stgs_view view = app::start_view(made, info);
+  stgs_view view = app::first_view(made);
   std::fill_n(view.background, 3, 0.0f);  // what is behind the scene is the application's
   app::Place place = app::middle_of(info, view);
   if (count == 8) {

@@ -47,7 +47,7 @@ Player open_player(const char* place, stgs_scene_info& info, stgs_view& start) {
   stgs_scene* const scene = stgs_player_scene(made);
   info.struct_size = sizeof info;
   app::must(stgs_scene_get_info(scene, &info), scene);
-  start = app::start_view(scene, info);
+  start = app::first_view(scene);
   return player;
 }
 

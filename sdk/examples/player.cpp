@@ -3,7 +3,6 @@
 // picture of it when all of it is there.
 //
 // usage: player SCENE.stgs|URL SECONDS PICTURE.ppm
-#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -27,21 +26,6 @@ stgs_player_status tick(stgs::Player& player) {
   }
   std::this_thread::sleep_for(std::chrono::milliseconds(5));
   return status;
-}
-
-// The file's start camera; where it has none, from before the scene's bounds, along z, so far away
-// that all of them is seen.
-stgs_view place_camera(const stgs::SceneRef& scene) {
-  if (const auto start = scene.start_view()) return *start;
-  stgs_view view = stgs::default_view();
-  const stgs_scene_info info = scene.info();
-  float size = 0;
-  for (int i = 0; i < 3; ++i) {
-    size = std::max(size, info.bounds_max[i] - info.bounds_min[i]);
-    view.translation[i] = -(info.bounds_min[i] + info.bounds_max[i]) / 2;
-  }
-  view.translation[2] += size > 0 ? 1.5f * size : 1;
-  return view;
 }
 
 void write_ppm(const char* path, const std::vector<std::uint8_t>& rgba, const stgs_view& view) {
@@ -75,7 +59,7 @@ int main(int argc, char** argv) {
     do {
       status = tick(player);
     } while (status.settled == 0);
-    const stgs_view view = place_camera(player.scene());
+    const stgs_view view = player.scene().first_view();
     write_ppm(argv[3], renderer.render_rgba8(player.scene(), status.seconds, view), view);
     return 0;
   } catch (const std::exception& error) {

@@ -128,9 +128,10 @@ stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
     STGS_SDK_TRY(stgs::sdk::check_struct(view, "view"));
     const stgs::SceneMetadata& metadata = scene->timeline->metadata();
     stgs_view out = stgs::sdk::default_view();
-    out.near_plane = metadata.near_plane;
+    if (metadata.near_plane > 0) out.near_plane = metadata.near_plane;
     std::copy_n(metadata.background, 3, out.background);
     if (!metadata.start_camera) {
+      stgs::sdk::stand_upright(metadata.up, out.rotation);
       stgs::sdk::give_struct(view, out);
       return stgs::unsupported("{}: has no start camera", scene->timeline->name());
     }

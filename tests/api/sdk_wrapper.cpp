@@ -9,5 +9,5 @@ std::vector<std::uint8_t> first_picture(const std::string& place) {
   stgs::Scene scene;
   scene.open(place);
   return stgs::Renderer(STGS_BACKEND_CPU)
-      .render_rgba8(scene, 0, scene.start_view().value_or(stgs::default_view()));
+      .render_rgba8(scene, 0, scene.start_view().value_or(scene.framed(stgs::default_view())));
 }

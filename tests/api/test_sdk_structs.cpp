@@ -172,6 +172,8 @@ TEST_CASE("defaults and cameras are written into structs of any version", "[sdk]
     CHECK(stgs_view_resize(view.get(), 128, 96) == STGS_OK);
     CHECK(view.get()->struct_size == size);
     CHECK(view.get()->width == 128);
+    CHECK(stgs_scene_frame_view(on.scene.get(), view.get()) == STGS_OK);
+    CHECK(view.get()->struct_size == size);
   }
 }
 

@@ -86,6 +86,22 @@ class Scenes(unittest.TestCase):
         with self.assertRaises(TypeError):
             stgs.Scene(5)
 
+    def test_a_view_of_all_of_a_scene(self):
+        scene = stgs.Scene(path("no_camera.stgs"))
+        view = scene.first_view().resized(80, 60)
+        alpha = stgs.Renderer("cpu").render(scene, 0.1, view, ["alpha"]).alpha
+        self.assertGreater(np.mean(alpha > 0.5), 0.02)
+        self.assertLess(np.mean(np.concatenate([alpha[0], alpha[-1]]) > 0.5), 0.2)
+        np.testing.assert_array_equal(view.rotation, np.eye(3))
+        view.translation[:] = 100, 100, 100
+        again = scene.framed(view)
+        np.testing.assert_array_equal(view.translation, 100)
+        np.testing.assert_allclose(again.translation, scene.first_view().translation, rtol=0.1)
+        view.fx = 0
+        self.fails("STGS_ERROR_ARGUMENT", lambda: scene.framed(view))
+        tiny = stgs.Scene(path("tiny.stgs"))
+        np.testing.assert_array_equal(tiny.first_view().translation, tiny.start_view().translation)
+
     def test_the_log_is_pythons(self):
         with self.assertLogs("stgs", logging.INFO) as told:
             stgs.Renderer("cpu")

@@ -145,7 +145,7 @@ TEST_CASE("a scene without a start camera is seen from before its bounds") {
   const TemporaryFolder folder;
   const Picture picture(folder, write_scene_to(folder, false), "", 1280, 720);
   CHECK(is_blue(picture.at(20, 20)));
-  CHECK(is_green(picture.at(624, 360)));  // 5 from the camera, .125 left of it
+  CHECK(is_green(picture.at(512, 360)));  // 0.625 from the camera, 0.125 left of it
 }
 
 TEST_CASE("a file that is none is told of") {

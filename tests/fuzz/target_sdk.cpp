@@ -400,6 +400,9 @@ struct Calls {
     (void)stgs_view_resize(&view, 1 + argument % 40, 1 + next % 40);
     if ((argument & 0x40) != 0) view.fx = number(next);
     if ((argument & 0x80) != 0) view.translation[next % 3] = number(next);
+    if ((next & 0x10) != 0 && stgs_scene_frame_view(of, &view) == STGS_OK) {
+      require(std::isfinite(view.translation[next % 3]) && view.near_plane > 0, "a view is one");
+    }
     Bytes pixels(std::size_t{4} * view.width * view.height);
     stgs_picture picture;
     stgs_picture_defaults(&picture, sizeof picture);

@@ -51,6 +51,23 @@ View start_view(Scene& scene) {
   return out;
 }
 
+View framed(Scene& scene, View view) {
+  scene.run([&](stgs_scene* s) { return stgs_scene_frame_view(s, &view.view); });
+  return view;
+}
+
+View first_view(Scene& scene) {
+  View out;
+  out.view = sized<stgs_view>();
+  bool none = false;
+  scene.run([&](stgs_scene* s) {
+    const stgs_result result = stgs_scene_start_view(s, &out.view);
+    none = result == STGS_ERROR_UNSUPPORTED;
+    return none ? STGS_OK : result;
+  });
+  return none ? framed(scene, out) : out;
+}
+
 Primitives primitives_at(Scene& scene, double seconds) {
   const int degree = info_of(scene).sh_degree;
   std::uint64_t count = 0, room = 0;
@@ -184,6 +201,10 @@ void declare_scene(py::module_& module) {
       .def_property_readonly("issues", &issues_of,
                              "What was wrong with the file when it was opened: dicts.")
       .def("start_view", &start_view, "The camera that the file has to start with.")
+      .def("first_view", &first_view,
+           "The start camera; where the file has none, a view of all of the scene.")
+      .def("framed", &framed, py::arg("view"),
+           "The view, from where it shows all of the scene; its direction and lens are kept.")
       .def("primitives", &primitives_at, py::arg("seconds"),
            "The primitives that are seen at a moment, as numpy arrays.");
 }

@@ -81,20 +81,12 @@ VkRenderingAttachmentInfo cleared(VkImageView view, VkImageLayout layout, VkClea
 
 }  // namespace
 
-stgs_view start_view(stgs_scene* scene, const stgs_scene_info& info) {
+stgs_view first_view(stgs_scene* scene) {
   stgs_view view{};
   view.struct_size = sizeof view;
-  const stgs_result result = stgs_scene_start_view(scene, &view);
-  if (result != STGS_ERROR_UNSUPPORTED) {
-    must(result, scene);
-    return view;
-  }
-  float size = 0;
-  for (int i = 0; i < 3; ++i) {
-    size = std::max(size, info.bounds_max[i] - info.bounds_min[i]);
-    view.translation[i] = -(info.bounds_min[i] + info.bounds_max[i]) / 2;
-  }
-  view.translation[2] += size > 0 ? 1.5f * size : 1;
+  stgs_result result = stgs_scene_start_view(scene, &view);
+  if (result == STGS_ERROR_UNSUPPORTED) result = stgs_scene_frame_view(scene, &view);
+  must(result, scene);
   return view;
 }
 

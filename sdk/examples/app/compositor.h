@@ -27,9 +27,8 @@ struct Place {
   float up[3];      // unit vector
   float half_edge;
 };
-// The file's start camera; where it has none, from before the scene's bounds, along z, so far away
-// that all of them is seen.
-stgs_view start_view(stgs_scene* scene, const stgs_scene_info& info);
+// The file's start camera; where it has none, a view of all of the scene.
+stgs_view first_view(stgs_scene* scene);
 // In the middle of the scene's bounds, upright as far as the file tells, else as the camera is
 // held.
 Place middle_of(const stgs_scene_info& info, const stgs_view& camera);

@@ -15,7 +15,7 @@ struct Anchor {
   float units_per_metre;
 };
 
-// The origin at the scene's start camera; upright and as large as life as far as the file tells,
+// The origin at the first view's camera; upright and as large as life as far as the file tells,
 // else as the camera is held, and a unit a metre.
 Anchor anchor_at(const stgs_view& start, const stgs_scene_info& info);
 

@@ -296,9 +296,15 @@ typedef struct stgs_view {
  * sizeof(*view). */
 STGS_API stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size);
 /* The camera that the file has to start with, its near plane and its background.
- * STGS_ERROR_UNSUPPORTED where it has no start camera: then *view has the defaults with these two.
- * view->struct_size is set by the caller. */
+ * STGS_ERROR_UNSUPPORTED where it has no start camera: then *view has the defaults with these two,
+ * and looks level where the file says what is up. view->struct_size is set by the caller. */
 STGS_API stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view);
+/* Moves a view's camera to where its picture shows all of the scene's bounds, in the middle and
+ * with some room around them; a near plane beyond a part of them is brought before it. All else of
+ * the view stays, its direction and lens too. Reads nothing of the file. Bounds of one point, as of
+ * a scene of no primitives, count as a metre wide, or a unit where metres are not known.
+ * STGS_ERROR_UNSUPPORTED: the camera would be more than 2^60 units away. */
+STGS_API stgs_result stgs_scene_frame_view(stgs_scene* scene, stgs_view* view);
 /* The same camera with pictures of another size; the view angle is kept an axis each, and the part
  * of the picture that the fovea covers. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);

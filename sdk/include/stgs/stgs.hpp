@@ -165,6 +165,19 @@ class SceneCalls {
     check(result, scene());
     return view;
   }
+  // The view from where it shows all of the scene.
+  stgs_view framed(stgs_view view) const {
+    check(stgs_scene_frame_view(scene(), &view), scene());
+    return view;
+  }
+  // The start camera; where the file has none, a view of all of the scene.
+  stgs_view first_view() const {
+    auto view = sized<stgs_view>();
+    const stgs_result result = stgs_scene_start_view(scene(), &view);
+    if (result == STGS_ERROR_UNSUPPORTED) return framed(view);
+    check(result, scene());
+    return view;
+  }
 
  private:
   stgs_scene* scene() const { return static_cast<const Self*>(this)->get(); }

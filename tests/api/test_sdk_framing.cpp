@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+// Views of a whole scene, for files without a start camera: what they show, and what they keep.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "sdk_fixture.h"
+
+namespace stgs::testing {
+namespace {
+
+std::vector<std::uint8_t> file_of(Scene scene) {
+  auto bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  return std::move(bytes).value();
+}
+
+// Opaque primitives that stay, `scale` times as large, around (2, -1, 5) `scale` and `away`.
+Scene scaled_scene(std::size_t count, float scale, float away = 0) {
+  Scene scene = random_scene(count, 0, 30, 5);
+  Gaussians4D& set = scene.gaussians;
+  for (std::size_t i = 0; i < set.position.size(); ++i) {
+    set.position[i] = scale * set.position[i] + away;
+    set.log_scale[i] = std::log(0.15f * scale);
+  }
+  std::fill(set.velocity.begin(), set.velocity.end(), 0.0f);
+  std::fill(set.opacity_logit.begin(), set.opacity_logit.end(), 5.0f);
+  std::fill(set.sigma.begin(), set.sigma.end(), 1000.0f);
+  return scene;
+}
+
+stgs_view default_view() {
+  stgs_view view;
+  REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
+  REQUIRE(stgs_view_resize(&view, 160, 90) == STGS_OK);
+  return view;
+}
+
+stgs_view framed(const ScenePtr& scene, stgs_view view) {
+  REQUIRE(stgs_scene_frame_view(scene.get(), &view) == STGS_OK);
+  return view;
+}
+
+// The share of the picture's sides that the positions take, and that of its pixels that are seen.
+struct Shown {
+  double wide = 0, high = 0, covered = 0;
+};
+Shown shown(const Scene& made, const ScenePtr& scene, const stgs_view& view) {
+  double low[2] = {1e30, 1e30}, high[2] = {-1e30, -1e30};
+  for (std::size_t i = 0; i < made.gaussians.size(); ++i) {
+    double p[3];
+    for (int row = 0; row < 3; ++row) {
+      p[row] = view.translation[row];
+      for (int k = 0; k < 3; ++k) {
+        p[row] += double{view.rotation[3 * row + k]} * made.gaussians.position[3 * i + k];
+      }
+    }
+    CHECK(p[2] > view.near_plane);
+    const double at[2] = {view.fx * p[0] / p[2] + view.cx, view.fy * p[1] / p[2] + view.cy};
+    for (int k = 0; k < 2; ++k) {
+      low[k] = std::min(low[k], at[k]);
+      high[k] = std::max(high[k], at[k]);
+    }
+  }
+  CHECK(std::min(low[0], low[1]) > 0);
+  CHECK(high[0] < view.width);
+  CHECK(high[1] < view.height);
+  const auto pixels = draw_rgba8(cpu_renderer().get(), scene.get(), 0.5, view);
+  std::size_t seen = 0;
+  for (std::size_t i = 3; i < pixels.size(); i += 4) seen += pixels[i] > 127 ? 1 : 0;
+  return {(high[0] - low[0]) / view.width, (high[1] - low[1]) / view.height,
+          4.0 * static_cast<double>(seen) / static_cast<double>(pixels.size())};
+}
+
+stgs_view turned() {  // 40 degrees to the right, and 90 about its own axis
+  stgs_view view = default_view();
+  const float c = std::cos(0.7f), s = std::sin(0.7f);
+  const float rows[9] = {0, 1, 0, -c, 0, s, s, 0, c};
+  std::copy_n(rows, 9, view.rotation);
+  return view;
+}
+
+}  // namespace
+
+TEST_CASE("a view is moved to where it shows all of a scene", "[sdk]") {
+  const Scene made = scaled_scene(300, 1);
+  const auto file = file_of(made);
+  const ScenePtr scene = open_scene(file);
+  stgs_view view = default_view();
+  view.background[1] = 0.5f;
+  view.fovea_x = 3;
+  SECTION("as it is") {}
+  SECTION("turned") {
+    view = turned();
+  }
+  SECTION("narrow and high") {
+    REQUIRE(stgs_view_resize(&view, 40, 200) == STGS_OK);
+  }
+  SECTION("of a long lens") {
+    view.fx = view.fy = 900;
+  }
+  SECTION("with its axis far from the middle") {
+    view.cx = -100, view.cy = 80;
+  }
+  SECTION("that is elsewhere") {
+    view.translation[0] = -50, view.translation[2] = 1e6f;
+  }
+  const stgs_view placed = framed(scene, view);
+  const Shown of = shown(made, scene, placed);
+  CHECK(std::max(of.wide, of.high) > 0.4);  // and no farther than it must
+  CHECK(of.covered > 0.08);
+  // All else is as it was.
+  stgs_view same = placed;
+  std::copy_n(view.translation, 3, same.translation);
+  CHECK(std::memcmp(&same, &view, sizeof view) == 0);
+}
+
+TEST_CASE("scenes of any size and place are seen", "[sdk]") {
+  struct Case {
+    float scale, away;
+  };
+  for (const Case of : {Case{1e-6f, 0}, Case{1e-3f, 0}, Case{1e3f, 0}, Case{1e12f, 0},
+                        Case{1, 1e4f}, Case{1, -3e4f}}) {
+    INFO("scale " << of.scale << ", " << of.away << " away");
+    const Scene made = scaled_scene(300, of.scale, of.away);
+    const auto file = file_of(made);
+    const ScenePtr scene = open_scene(file);
+    const stgs_view view = framed(scene, default_view());
+    CHECK(view.near_plane <= default_view().near_plane);
+    CHECK(shown(made, scene, view).covered > 0.08);
+  }
+}
+
+TEST_CASE("flat bounds, a line and a point are seen", "[sdk]") {
+  for (const int axes : {0, 1, 2, 4, 3, 5, 6}) {  // along which there is more than a point
+    INFO(axes);
+    Scene made = scaled_scene(axes == 0 ? 1 : 100, 1);
+    for (std::size_t i = 0; i < made.gaussians.position.size(); ++i) {
+      if ((axes >> i % 3 & 1) == 0) made.gaussians.position[i] = 0.7f;
+    }
+    const auto file = file_of(made);
+    const ScenePtr scene = open_scene(file);
+    CHECK(shown(made, scene, framed(scene, default_view())).covered > 0.01);
+  }
+}
+
+TEST_CASE("a scene of no primitives is a metre at the world's origin", "[sdk]") {
+  Scene made = scaled_scene(0, 1);
+  for (const float metres_per_unit : {0.0f, 0.01f}) {
+    made.metadata.metres_per_unit = metres_per_unit;
+    const auto file = file_of(made);
+    const stgs_view view = framed(open_scene(file), default_view());
+    const float metre = metres_per_unit > 0 ? 1 / metres_per_unit : 1;
+    CHECK(view.translation[0] == 0);
+    CHECK(view.translation[1] == 0);
+    CHECK(view.translation[2] > 0.5f * metre);
+    CHECK(view.translation[2] < 3 * metre);
+  }
+}
+
+TEST_CASE("without a start camera the defaults look level", "[sdk]") {
+  Scene made = scaled_scene(100, 1);
+  made.metadata.near_plane = 0;  // which a file may say, and no view
+  const float tilted[3] = {0.36f, -0.48f, 0.8f}, down[3] = {0, -1, 0}, z[3] = {0, 0, 1};
+  for (const float* up : {tilted, down, z}) {
+    std::copy_n(up, 3, made.metadata.up);
+    const auto file = file_of(made);
+    const ScenePtr scene = open_scene(file);
+    stgs_view view{};
+    view.struct_size = sizeof view;
+    REQUIRE(stgs_scene_start_view(scene.get(), &view) == STGS_ERROR_UNSUPPORTED);
+    CHECK(view.near_plane > 0);
+    for (int i = 0; i < 3; ++i) CHECK(view.rotation[3 + i] == Approx(-up[i]).margin(1e-6));
+    // z is ahead where it can be.
+    CHECK(view.rotation[up == z ? 7 : 8] > 0.5f);
+    CHECK(shown(made, scene, framed(scene, view)).covered > 0.08);
+  }
+  const auto plain = file_of(scaled_scene(100, 1));
+  stgs_view view{};
+  view.struct_size = sizeof view;
+  REQUIRE(stgs_scene_start_view(open_scene(plain).get(), &view) == STGS_ERROR_UNSUPPORTED);
+  CHECK(std::memcmp(view.rotation, default_view().rotation, sizeof view.rotation) == 0);
+}
+
+TEST_CASE("a view that cannot be placed is told, and left alone", "[sdk]") {
+  const auto file = file_of(scaled_scene(10, 1));
+  const ScenePtr scene = open_scene(file);
+  const stgs_view good = default_view();
+  CHECK(stgs_scene_frame_view(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_frame_view(scene.get(), nullptr) == STGS_ERROR_ARGUMENT);
+  stgs_view view = good;
+  CHECK(stgs_scene_frame_view(make_scene().get(), &view) == STGS_ERROR_STATE);
+  view.struct_size = 3;
+  CHECK(stgs_scene_frame_view(scene.get(), &view) == STGS_ERROR_STRUCT_SIZE);
+
+  const auto refused = [&](const ScenePtr& of, stgs_view given, stgs_result result,
+                           const char* words) {
+    stgs_view after = given;
+    CHECK(stgs_scene_frame_view(of.get(), &after) == result);
+    CHECK(std::memcmp(&after, &given, sizeof given) == 0);
+    INFO(error_of(of.get()).message);
+    CHECK(std::string(error_of(of.get()).message).find(words) != std::string::npos);
+  };
+  view = good;
+  view.fy = 0;
+  refused(scene, view, STGS_ERROR_ARGUMENT, "fy 0");
+  view = good;
+  view.rotation[0] = NAN;
+  refused(scene, view, STGS_ERROR_ARGUMENT, "rotation");
+  view = good;
+  view.width = 0;
+  refused(scene, view, STGS_ERROR_ARGUMENT, "0x90 pixels");
+
+  Scene wide = scaled_scene(2, 1);
+  wide.gaussians.position[0] = 3e38f;
+  wide.gaussians.position[3] = -3e38f;
+  const auto far = file_of(wide);
+  refused(open_scene(far), good, STGS_ERROR_UNSUPPORTED, "units away");
+  // One that lies as far out, though it is a point.
+  Scene lonely = scaled_scene(1, 1);
+  lonely.gaussians.position[1] = 1e30f;
+  const auto lone = file_of(lonely);
+  refused(open_scene(lone), good, STGS_ERROR_UNSUPPORTED, "units away");
+}
+
+}  // namespace stgs::testing
