@@ -6,20 +6,27 @@ set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 find_package(stgs REQUIRED COMPONENTS shared)
 
-add_executable(minimal minimal.c)
 add_executable(player player.cpp)
 add_executable(telepresence_viewer telepresence_viewer.cpp)
-foreach(program minimal player telepresence_viewer)
+foreach(program player telepresence_viewer)
   target_link_libraries(${program} PRIVATE stgs::stgs)
 endforeach()
 
-find_package(Vulkan COMPONENTS glslc)
 find_package(PkgConfig)
 if(PkgConfig_FOUND)
   pkg_check_modules(STB IMPORTED_TARGET stb)
 endif()
-if(NOT (Vulkan_FOUND AND Vulkan_GLSLC_EXECUTABLE AND STB_FOUND))
-  message(STATUS "No Vulkan, glslc or stb (libvulkan-dev, glslc, libstb-dev): "
+if(NOT STB_FOUND)
+  message(STATUS "No stb (pkg-config, libstb-dev), which writes PNG: "
+                 "minimal, embed_vulkan and hello_openxr are left out")
+  return()
+endif()
+add_executable(minimal minimal.c)
+target_link_libraries(minimal PRIVATE stgs::stgs PkgConfig::STB)
+
+find_package(Vulkan COMPONENTS glslc)
+if(NOT (Vulkan_FOUND AND Vulkan_GLSLC_EXECUTABLE))
+  message(STATUS "No Vulkan or glslc (libvulkan-dev, glslc): "
                  "embed_vulkan and hello_openxr are left out")
   return()
 endif()

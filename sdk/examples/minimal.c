@@ -1,88 +1,63 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws one moment of a scene from its start camera, or from before it, and writes a PPM picture.
+/* Draws a moment of a scene, from the file's start camera or else all of it, and writes a PNG.
  *
- * usage: minimal SCENE.stgs SECONDS PICTURE.ppm */
+ * usage: minimal SCENE.stgs SECONDS PICTURE.png */
+#include <stb_image_write.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "stgs/stgs.h"
 
-static int write_ppm(const char* path, const unsigned char* rgba, unsigned width, unsigned height) {
-  const size_t pixels = (size_t)width * height;
-  size_t i;
-  FILE* file = fopen(path, "wb");
-  if (file == NULL) return 0;
-  fprintf(file, "P6\n%u %u\n255\n", width, height);
-  for (i = 0; i < pixels; ++i) fwrite(rgba + 4 * i, 1, 3, file);
-  return fclose(file) == 0;
+static int failed(const char* message) {
+  fprintf(stderr, "minimal: %s\n", message);
+  return 0;
 }
 
-/* The file's start camera. Where it has none, as one that was converted from splats, the defaults,
- * which look along z, from so far away that all that lies within the bounds is seen. */
-static stgs_result place_camera(stgs_scene* scene, stgs_view* view) {
-  stgs_scene_info info;
-  float size = 0;
-  int i;
-  stgs_result result = stgs_scene_start_view(scene, view);
-  if (result != STGS_ERROR_UNSUPPORTED) return result;
-  info.struct_size = sizeof info;
-  result = stgs_scene_get_info(scene, &info);
-  for (i = 0; i < 3 && result == STGS_OK; ++i) {
-    const float edge = info.bounds_max[i] - info.bounds_min[i];
-    if (edge > size) size = edge;
-    view->translation[i] = -(info.bounds_min[i] + info.bounds_max[i]) / 2;
-  }
-  view->translation[2] += size > 0 ? 1.5f * size : 1;
-  return result;
+static int scene_failed(const stgs_scene* scene) {
+  stgs_error error = {.struct_size = sizeof error};
+  stgs_scene_error(scene, &error);
+  return failed(error.message);
 }
 
-/* Draws and writes; says what went wrong. */
+/* Draws and writes; 0 after an error, which it has told. */
 static int draw(stgs_scene* scene, stgs_renderer* renderer, double seconds, const char* path) {
-  stgs_error error;
-  stgs_view view;
+  stgs_view view = {.struct_size = sizeof view};
+  stgs_result result = stgs_scene_start_view(scene, &view);
+  if (result == STGS_ERROR_UNSUPPORTED) result = stgs_scene_frame_view(scene, &view);
+  if (result != STGS_OK) return scene_failed(scene);
+  const size_t bytes = (size_t)4 * view.width * view.height;
+  unsigned char* rgba = malloc(bytes);
+  if (rgba == NULL) return failed("no memory for the picture");
   stgs_picture picture;
-  int ok = 0;
-  error.struct_size = sizeof error;
-  view.struct_size = sizeof view;
   stgs_picture_defaults(&picture, sizeof picture);
-  if (place_camera(scene, &view) != STGS_OK) {
-    stgs_scene_error(scene, &error);
-    fprintf(stderr, "%s\n", error.message);
-    return 0;
+  picture.rgba8.data = rgba;
+  picture.rgba8.bytes = bytes;
+  int ok = stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK;
+  if (ok) {
+    for (size_t i = 3; i < bytes; i += 4) rgba[i] = 255; /* the colour is over its background */
+    ok = stbi_write_png(path, (int)view.width, (int)view.height, 4, rgba, 0);
+    if (!ok) failed("the picture cannot be written");
+  } else {
+    stgs_error error = {.struct_size = sizeof error};
+    stgs_renderer_error(renderer, &error);
+    failed(error.message);
   }
-  picture.rgba8.bytes = (size_t)4 * view.width * view.height;
-  picture.rgba8.data = malloc(picture.rgba8.bytes);
-  if (picture.rgba8.data != NULL) {
-    if (stgs_render(renderer, scene, seconds, &view, &picture, 1) != STGS_OK) {
-      stgs_renderer_error(renderer, &error);
-      fprintf(stderr, "%s\n", error.message);
-    } else {
-      ok = write_ppm(path, picture.rgba8.data, view.width, view.height);
-      if (!ok) perror(path);
-    }
-  }
-  free(picture.rgba8.data);
+  free(rgba);
   return ok;
 }
 
 int main(int argc, char** argv) {
+  if (argc != 4) return !failed("usage: minimal SCENE.stgs SECONDS PICTURE.png");
   stgs_scene* scene = NULL;
   stgs_renderer* renderer = NULL;
-  stgs_error error;
   int ok = 0;
-  if (argc != 4) {
-    fprintf(stderr, "usage: minimal SCENE.stgs SECONDS PICTURE.ppm\n");
-    return 1;
-  }
-  error.struct_size = sizeof error;
-  if (stgs_scene_create(NULL, &scene) == STGS_OK &&
-      stgs_renderer_create(NULL, &renderer) == STGS_OK) {
-    if (stgs_scene_open(scene, argv[1]) == STGS_OK) {
-      ok = draw(scene, renderer, atof(argv[2]), argv[3]);
-    } else {
-      stgs_scene_error(scene, &error);
-      fprintf(stderr, "%s\n", error.message);
-    }
+  if (stgs_scene_create(NULL, &scene) != STGS_OK ||
+      stgs_renderer_create(NULL, &renderer) != STGS_OK) {
+    failed("no scene or no renderer could be made");
+  } else if (stgs_scene_open(scene, argv[1]) != STGS_OK) {
+    scene_failed(scene);
+  } else {
+    ok = draw(scene, renderer, atof(argv[2]), argv[3]);
   }
   stgs_renderer_destroy(renderer);
   stgs_scene_destroy(scene);

@@ -90,7 +90,7 @@ if(STGS_HAS_PREPARE)
       "libopencv-core-dev, libopencv-imgproc-dev, libopencv-imgcodecs-dev, libopencv-videoio-dev, \
 libopencv-video-dev, libopencv-calib3d-dev, libopencv-features2d-dev, libopencv-flann-dev")
 endif()
-set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "stgs, cmake, pkg-config, libvulkan-dev")
+set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "stgs, cmake, pkg-config, libstb-dev, libvulkan-dev")
 
 set(CPACK_PACKAGE_NAME stgs)
 set(CPACK_PACKAGE_VENDOR STGS)

@@ -2,10 +2,9 @@
 """What the tests of installed things share: running programs, pictures, and which header is which
 library's."""
 import glob
+import io
 import os
-import struct
 import subprocess
-import zlib
 
 
 def run(*command, **options):
@@ -25,20 +24,22 @@ def headers_of(library, folder):
 
 
 def read_ppm(path):
+    """Width, height, and the bytes of the pixels."""
     with open(path, "rb") as file:
-        assert file.readline() == b"P6\n"
-        width, height = map(int, file.readline().split())
-        assert file.readline() == b"255\n"
-        pixels = file.read()
+        return pixels_of(file)
+
+
+def read_png(path):
+    """The same of a PNG, by FFmpeg."""
+    ppm = subprocess.run(["ffmpeg", "-v", "error", "-i", path, "-pix_fmt", "rgb24",
+                          "-f", "image2pipe", "-c:v", "ppm", "-"], capture_output=True, check=True)
+    return pixels_of(io.BytesIO(ppm.stdout))
+
+
+def pixels_of(file):
+    assert file.readline() == b"P6\n"
+    width, height = map(int, file.readline().split())
+    assert file.readline() == b"255\n"
+    pixels = file.read()
     assert len(pixels) == 3 * width * height
     return width, height, pixels
-
-
-def write_png(path, width, height, pixels):
-    def chunk(tag, body):
-        return struct.pack(">I", len(body)) + tag + body + struct.pack(">I", zlib.crc32(tag + body))
-    rows = b"".join(b"\0" + pixels[3 * width * y:3 * width * (y + 1)] for y in range(height))
-    with open(path, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n"
-                   + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-                   + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))

@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 import unittest
 
-from outside import read_ppm, run, write_png
+from outside import read_png, read_ppm, run
 
 ARGUMENTS = None
 
@@ -28,28 +28,26 @@ class Install(unittest.TestCase):
         run(ARGUMENTS.cmake, "--install", ARGUMENTS.build, "--prefix", cls.at("first"))
         os.rename(cls.at("first"), cls.at("prefix"))
         cls.library = os.path.dirname(glob.glob(cls.at("prefix/**/libstgs.so"), recursive=True)[0])
-        cls.picture(ARGUMENTS.minimal, "example.ppm")
+        cls.picture(ARGUMENTS.minimal, "example.png")
 
     @classmethod
     def at(cls, name):
         return os.path.join(cls.folder, name)
 
     @classmethod
-    def picture(cls, program, name, environment=None):
-        run(program, cls.at("tiny.stgs"), "0.1", cls.at(name), env=environment)
-        return read_ppm(cls.at(name))
+    def picture(cls, program, name, scene="tiny.stgs", environment=None):
+        run(program, cls.at(scene), "0.1", cls.at(name), env=environment)
+        return read_png(cls.at(name)) if name.endswith(".png") else read_ppm(cls.at(name))
 
     def test_the_example_draws_what_the_program_draws(self):
         run(ARGUMENTS.stgs, "render", self.at("tiny.stgs"), "--time", "0.1", "-o", self.at("tiny.png"))
-        width, height, pixels = read_ppm(self.at("example.ppm"))
-        self.assertGreater(len(set(pixels)), 50)
-        write_png(self.at("example.png"), width, height, pixels)
+        self.assertGreater(len(set(read_png(self.at("example.png"))[2])), 50)
         # A byte that differs by 1 would be 87.7 dB.
         run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
 
     def test_the_example_looks_at_a_scene_without_a_start_camera(self):
-        run(ARGUMENTS.minimal, self.at("no_camera.stgs"), "0.1", self.at("no_camera.ppm"))
-        width, height, pixels = read_ppm(self.at("no_camera.ppm"))
+        run(ARGUMENTS.minimal, self.at("no_camera.stgs"), "0.1", self.at("no_camera.png"))
+        width, height, pixels = read_png(self.at("no_camera.png"))
         middle = [pixels[3 * (width * y + x):][:3] for y in range(height // 4, 3 * height // 4)
                   for x in range(width // 4, 3 * width // 4)]
         edges = [pixels[3 * (width * y + x):][:3] for y in (0, height - 1) for x in range(width)]
@@ -67,11 +65,11 @@ class Install(unittest.TestCase):
         programs = {os.path.splitext(os.path.basename(path))[0]
                     for path in glob.glob(os.path.join(folder, "*.c*"))}
         self.assertGreaterEqual(programs, {"minimal", "player", "telepresence_viewer"})
-        left_out = re.findall(r": ([\w ]+) (?:is|are) left out", told)
-        for program in programs - set(" ".join(left_out).split()):
+        left_out = re.findall(r": ([\w, ]+) (?:is|are) left out", told)
+        for program in programs - set(re.findall(r"\w+", " ".join(left_out))):
             self.assertTrue(os.path.exists(os.path.join(build, program)), program)
-        self.picture(os.path.join(build, "minimal"), "built.ppm")
-        self.assertEqual(read_ppm(self.at("built.ppm")), read_ppm(self.at("example.ppm")))
+        self.picture(os.path.join(build, "minimal"), "built.png")
+        self.assertEqual(read_png(self.at("built.png")), read_png(self.at("example.png")))
 
     def by_find_package(self, name, example, language, components=""):
         """The program that somebody else's project makes of an example."""
@@ -86,27 +84,27 @@ class Install(unittest.TestCase):
 
     def test_find_package(self):
         for name in ("stgs", "static"):
-            for example, language in ("minimal.c", "C"), ("player.cpp", "CXX"):
+            for example, language, kind in ("minimal.c", "C", "png"), ("player.cpp", "CXX", "ppm"):
                 with self.subTest(library=name, example=example):
                     program = self.by_find_package(name, example, language)
-                    self.assertEqual(self.picture(program, f"{name}_{language}.ppm"),
-                                     read_ppm(self.at("example.ppm")))
+                    self.assertEqual(self.picture(program, f"{name}.{kind}"),
+                                     read_png(self.at("example.png")))
                     if name == "stgs":  # of a scene without a start camera too
-                        for drawer, picture in (program, "p.ppm"), (ARGUMENTS.minimal, "m.ppm"):
-                            run(drawer, self.at("no_camera.stgs"), "0.1", self.at(picture))
-                        self.assertEqual(read_ppm(self.at("p.ppm")), read_ppm(self.at("m.ppm")))
+                        self.assertEqual(self.picture(program, f"far.{kind}", "no_camera.stgs"),
+                                         self.picture(ARGUMENTS.minimal, "m.png", "no_camera.stgs"))
 
-    def by_pkg_config(self, package, example, words):
+    def by_pkg_config(self, packages, example, words):
         """The program of an example, and the environment that it runs in."""
         environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
-        flags = run("pkg-config", "--cflags", "--libs", *words, package, env=environment).split()
+        flags = run("pkg-config", "--cflags", "--libs", *words, *packages,
+                    env=environment).split()
         used = dict(os.environ)
         if words:  # the archives, where the linker would take the shared libraries
             flags = [flag.replace("-lstgs", "-l:libstgs") + ".a" if flag.startswith("-lstgs")
                      else flag for flag in flags]
         else:
             used["LD_LIBRARY_PATH"] = self.library
-        program = self.at("_".join(["by_pkg_config", package, *words]))
+        program = self.at("_".join(["by_pkg_config", *packages, *words]))
         run(ARGUMENTS.cc, os.path.join(ARGUMENTS.source, "sdk/examples", example), *flags,
             "-o", program)
         return program, used
@@ -114,14 +112,14 @@ class Install(unittest.TestCase):
     def test_pkg_config(self):
         for name, words in ("shared", []), ("static", ["--static"]):
             with self.subTest(library=name):
-                program, used = self.by_pkg_config("stgs", "minimal.c", words)
-                self.assertEqual(self.picture(program, f"pc_{name}.ppm", used),
-                                 read_ppm(self.at("example.ppm")))
+                program, used = self.by_pkg_config(["stgs", "stb"], "minimal.c", words)
+                self.assertEqual(self.picture(program, f"pc_{name}.png", environment=used),
+                                 read_png(self.at("example.png")))
 
     def test_the_encoder_each_way(self):
         programs = [(self.by_find_package(name, "encode.c", "C", name), None)
                     for name in ("encoder", "encoder_static")]
-        programs += [self.by_pkg_config("stgs_encoder", "encode.c", words)
+        programs += [self.by_pkg_config(["stgs_encoder"], "encode.c", words)
                      for words in ([], ["--static"])]
         prepares = " prepare" in run(ARGUMENTS.stgs, "--version")
         for program, used in programs:
@@ -135,8 +133,8 @@ class Install(unittest.TestCase):
         capture = os.path.join(ARGUMENTS.source, "tests/data/workshop")
         told = run(programs[0][0], capture, self.at("draft.stgs"), "draft")
         self.assertRegex(told, r"^\d+ primitives, \d+ bytes, pictures \d+\.\d dB from")
-        run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.ppm"))
-        self.assertGreater(len(set(read_ppm(self.at("draft.ppm"))[2])), 50)
+        run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.png"))
+        self.assertGreater(len(set(read_png(self.at("draft.png"))[2])), 50)
 
     def test_the_shared_libraries_have_their_sonames(self):
         names = {os.path.basename(path) for path in glob.glob(os.path.join(self.library, "*.so*"))}
