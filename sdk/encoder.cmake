@@ -6,6 +6,7 @@ add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/encoder.cpp
   src/encoder/pack.cpp
   src/encoder/prepare.cpp
+  src/encoder/recorder.cpp
   src/encoder/train.cpp)
 target_include_directories(stgs_encoder_sdk_objects PRIVATE include src)
 target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs::encoder TBB::tbb)
@@ -64,5 +65,8 @@ foreach(component encoder encoder_static)
 endforeach()
 install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
-install(FILES examples/encode.c
-        DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples COMPONENT encoder_dev)
+set(examples ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples)
+install(FILES examples/encode.c examples/telepresence_recorder.cpp
+        DESTINATION ${examples} COMPONENT encoder_dev)
+install(FILES examples/installed_encoder.cmake
+        DESTINATION ${examples} RENAME CMakeLists.txt COMPONENT encoder_dev)

@@ -85,6 +85,7 @@ class Recorder final : public SceneRecorder {
     try {
       return append_checked(stretch, end_frame, part_end, importance);
     } catch (const std::exception& e) {
+      open_ = false;
       return runtime_error("{}: cannot append {} primitives: {}", file_.path(), stretch.size(),
                            e.what());
     }
@@ -103,6 +104,8 @@ class Recorder final : public SceneRecorder {
 
   std::uint32_t frames() const override { return frames_; }
   std::uint64_t bytes() const override { return file_.bytes(); }
+  const SceneMetadata& metadata() const override { return metadata_.scene; }
+  int sh_degree() const override { return metadata_.sh_degree; }
 
  private:
   Status check_open() const {

@@ -56,20 +56,31 @@ class Install(unittest.TestCase):
         self.assertGreater(edges.count(edges[0]), 0.8 * len(edges))
 
     def test_the_installed_examples_are_built_by_their_own_script(self):
-        folder = os.path.join(self.at("prefix"), "share/doc/libstgs-dev/examples")
-        build = self.at("build_examples")
+        built = {}
+        for package in "libstgs-dev", "libstgs-encoder-dev":
+            built |= self.build_examples(package)
+        self.assertGreaterEqual(set(built), {"minimal", "player", "telepresence_viewer", "encode",
+                                             "telepresence_recorder"})
+        self.picture(built["minimal"], "built.png")
+        self.assertEqual(read_png(self.at("built.png")), read_png(self.at("example.png")))
+        run(built["telepresence_recorder"], self.at("telepresence.stgs"), "0.2", "0.1")
+        run(ARGUMENTS.stgs, "validate", self.at("telepresence.stgs"))
+
+    def build_examples(self, package):
+        """The paths of the programs that the installed examples of a package make, by name."""
+        folder = os.path.join(self.at("prefix"), f"share/doc/{package}/examples")
+        build = self.at(f"build_{package}")
         told = run(ARGUMENTS.cmake, "-S", folder, "-B", build,
                    f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
                    f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}")
         run(ARGUMENTS.cmake, "--build", build)
         programs = {os.path.splitext(os.path.basename(path))[0]
                     for path in glob.glob(os.path.join(folder, "*.c*"))}
-        self.assertGreaterEqual(programs, {"minimal", "player", "telepresence_viewer"})
         left_out = re.findall(r": ([\w, ]+) (?:is|are) left out", told)
-        for program in programs - set(re.findall(r"\w+", " ".join(left_out))):
+        built = programs - set(re.findall(r"\w+", " ".join(left_out)))
+        for program in built:
             self.assertTrue(os.path.exists(os.path.join(build, program)), program)
-        self.picture(os.path.join(build, "minimal"), "built.png")
-        self.assertEqual(read_png(self.at("built.png")), read_png(self.at("example.png")))
+        return {program: os.path.join(build, program) for program in built}
 
     def by_find_package(self, name, example, language, components=""):
         """The program that somebody else's project makes of an example."""

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Making .stgs scenes: prepare, train, pack. C99, of a library of its own, libstgs_encoder.
+/* Making .stgs scenes: prepare, train, pack; and recording them live. C99, of a library of its own,
+ * libstgs_encoder.
  *
  *   stgs_encoder_create(NULL, &encoder);
  *   stgs_encoder_prepare(encoder, "capture", "prepared", NULL, NULL);
@@ -253,6 +254,118 @@ STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const*
                                        uint32_t count, const char* output,
                                        const stgs_pack_settings* settings,
                                        stgs_pack_report* report);
+
+/* --- Recording --- */
+
+/* Appends stretches of primitives, as a live capture makes them, to a file that players follow
+ * while it grows (stgs_player_get_live); where a web server serves it, from anywhere. One recorder
+ * makes one file.
+ *
+ *   stgs_recorder_create(&recorder);
+ *   stgs_recorder_begin(recorder, "live.stgs", NULL);
+ *   stgs_recorder_append(recorder, &stretch);  and again, every half second
+ *   stgs_recorder_close(recorder);
+ *   stgs_recorder_destroy(recorder);
+ *
+ * Threads: a recorder is used by one thread at a time; recorders are independent. */
+typedef struct stgs_recorder stgs_recorder;
+
+typedef struct stgs_record_settings {
+  size_t struct_size;
+  uint32_t time_base_numerator; /* a frame is numerator / denominator seconds; default 1 / 30 */
+  uint32_t time_base_denominator;
+  int32_t sh_degree;    /* of all stretches, 0 (default) to 3 */
+  stgs_profile profile; /* default STGS_PROFILE_QUANTISED */
+  int32_t tiers;        /* as of stgs_pack_settings; default 3 */
+  double quality;       /* 0 to 100; default 87 */
+  double max_error; /* thousandths of a scene unit, 10^-6 to 10^9; 0 (default): as quality has it */
+  double chunk_seconds; /* shortest segment, 0.01 to 3600; 0 (default): by the first stretch */
+  /* 1 (default): what was appended survives a power cut. 0: it survives the end of the process, and
+   * nobody waits for the disk. */
+  int32_t sync;
+  uint32_t threads; /* 0 (default): all cores; else as many at most, up to 1024 */
+  /* What the file says of its scene. */
+  const char* title;           /* NULL (default): none */
+  double metres_per_unit;      /* 10^-9 to 10^9; 0 (default): not known */
+  float up[3];                 /* against gravity, of any length; 0, 0, 0 (default): not known */
+  float floor[3];              /* a point of the floor, scene units; counts where up is known */
+  const stgs_view* start_view; /* what stgs_scene_start_view is to give; NULL (default): no camera,
+                                * and near plane and background of stgs_view_defaults */
+  const char* sound;           /* URI reference of the sound, relative to the file's place */
+  double sound_begin;          /* seconds, -10^6 to 10^6; default 0 */
+} stgs_record_settings;
+
+/* `struct_size` is sizeof(*settings). */
+STGS_API stgs_result stgs_record_settings_defaults(stgs_record_settings* settings,
+                                                   size_t struct_size);
+
+/* *out is NULL after an error, else the caller's. */
+STGS_API stgs_result stgs_recorder_create(stgs_recorder** out);
+/* A recording that was not closed stays: it plays up to its last stretch, players wait for more,
+ * and stgs_recorder_resume goes on with it. */
+STGS_API void stgs_recorder_destroy(stgs_recorder* recorder);
+/* Of the last call on the recorder but this one. error->struct_size is set by the caller. */
+STGS_API stgs_result stgs_recorder_error(const stgs_recorder* recorder, stgs_error* error);
+
+/* Makes the file, which must not exist (STGS_ERROR_IO). `settings` may be NULL: the defaults. After
+ * an error it may be tried again; after success neither this nor stgs_recorder_resume
+ * (STGS_ERROR_STATE). */
+STGS_API stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
+                                         const stgs_record_settings* settings);
+/* Goes on with a recording that was not closed, after its last whole stretch; what is behind that
+ * is cut off. Time base, degree, and what the file says of its scene are the file's; the profile
+ * must be. STGS_ERROR_ARGUMENT: the file is closed or none that grows, another recorder has it, or
+ * it has another profile. Else as stgs_recorder_begin. */
+STGS_API stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
+                                          const stgs_record_settings* settings);
+
+/* What is seen from the end of what is recorded on. Arrays of the caller's, read during the call.
+ */
+typedef struct stgs_stretch {
+  size_t struct_size;
+  uint32_t frames;       /* that the recording grows by, at least 1 (default) */
+  uint32_t stay_frames;  /* up to which the primitives may be seen, beside later stretches; 0
+                          * (default), or less than `frames`: to the end of the stretch */
+  uint64_t count;        /* primitives, up to 2 * 10^8; default 0, and the arrays NULL */
+  const float* position; /* 3 each: at the moment `time`, or the beginning; scene units */
+  const float* velocity; /* 3 each: scene units a second; NULL: all stand still */
+  const float* scale;    /* 3 each: standard deviations along its axes, > 0, scene units */
+  const float* rotation; /* 4 each: of its axes, quaternion w, x, y, z of any length but 0; NULL:
+                          * those of the world */
+  const float* opacity;  /* 1 each: 0 to 1, where 0.001 and 0.999 are the least and the most */
+  const float* sh;       /* 3 (sh_degree + 1)^2 each, as of stgs_primitives */
+  /* When each is seen, seconds from the beginning of the stretch; three arrays, or NULL: from its
+   * beginning to its end. It is seen in full `radius` before and after `time`; s seconds beyond
+   * that by exp(-(s / sigma)^2). */
+  const float* time;
+  const float* sigma;      /* > 0 */
+  const float* radius;     /* >= 0 */
+  const float* importance; /* 1 each, >= 0: what is sent first, when a link is slow; NULL: by size
+                            * and opacity */
+} stgs_stretch;
+
+/* No primitives. `struct_size` is sizeof(*stretch). */
+STGS_API stgs_result stgs_stretch_defaults(stgs_stretch* stretch, size_t struct_size);
+/* Encodes and appends. Once it has returned, readers find the stretch. STGS_ERROR_ARGUMENT,
+ * _STRUCT_SIZE, _UNSUPPORTED, as where a primitive lies too far out, and _STATE: nothing has
+ * changed. Any other error ends the recording, up to the stretch before. */
+STGS_API stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_stretch* stretch);
+/* Says in the file that no more will come, after which there is nothing to append or resume.
+ * Players play it to its end, and servers and caches may keep it. */
+STGS_API stgs_result stgs_recorder_close(stgs_recorder* recorder);
+
+typedef struct stgs_recorder_status {
+  size_t struct_size;
+  uint64_t bytes;               /* of the file */
+  uint32_t frames;              /* appended, with those before it was resumed */
+  uint32_t time_base_numerator; /* of the file */
+  uint32_t time_base_denominator;
+  int32_t sh_degree;
+} stgs_recorder_status;
+
+/* status->struct_size is set by the caller. STGS_ERROR_STATE: no recording was begun. */
+STGS_API stgs_result stgs_recorder_get_status(stgs_recorder* recorder,
+                                              stgs_recorder_status* status);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// stgs_encoder.h for C++17 and later: an encoder that ends by itself, errors as exceptions. Header
-// only; what the C header says of threads, ownership and ranges holds here.
+// stgs_encoder.h for C++17 and later: encoders and recorders that end by themselves, errors as
+// exceptions. Header only; what the C header says of threads, ownership and ranges holds here.
 #ifndef STGS_STGS_ENCODER_HPP
 #define STGS_STGS_ENCODER_HPP
 
@@ -93,6 +93,51 @@ class Encoder {
   };
   std::unique_ptr<Progress> progress_;  // where the library finds it, wherever this moves
   std::unique_ptr<stgs_encoder, Destroy> encoder_;
+};
+
+inline void check(stgs_result result, const stgs_recorder* recorder) {
+  if (result == STGS_OK) return;
+  auto error = detail::sized<stgs_error>();
+  if (stgs_recorder_error(recorder, &error) != STGS_OK) throw Error(result, {});
+  throw Error(result, error.message, error.offset, error.issue);
+}
+
+inline stgs_record_settings record_settings() {
+  return detail::with_defaults<stgs_record_settings>(stgs_record_settings_defaults);
+}
+inline stgs_stretch empty_stretch() {
+  return detail::with_defaults<stgs_stretch>(stgs_stretch_defaults);
+}
+
+class Recorder {
+ public:
+  Recorder() {
+    stgs_recorder* made = nullptr;
+    check(stgs_recorder_create(&made));
+    recorder_.reset(made);
+  }
+
+  void begin(const std::string& path, const stgs_record_settings& settings = record_settings()) {
+    check(stgs_recorder_begin(get(), path.c_str(), &settings), get());
+  }
+  void resume(const std::string& path, const stgs_record_settings& settings = record_settings()) {
+    check(stgs_recorder_resume(get(), path.c_str(), &settings), get());
+  }
+  void append(const stgs_stretch& stretch) { check(stgs_recorder_append(get(), &stretch), get()); }
+  void close() { check(stgs_recorder_close(get()), get()); }
+  stgs_recorder_status status() const {
+    auto status = detail::sized<stgs_recorder_status>();
+    check(stgs_recorder_get_status(get(), &status), get());
+    return status;
+  }
+
+  stgs_recorder* get() const { return recorder_.get(); }
+
+ private:
+  struct Destroy {
+    void operator()(stgs_recorder* recorder) const { stgs_recorder_destroy(recorder); }
+  };
+  std::unique_ptr<stgs_recorder, Destroy> recorder_;
 };
 
 }  // namespace hpp

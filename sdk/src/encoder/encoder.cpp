@@ -10,8 +10,6 @@
 namespace stgs::sdk {
 namespace {
 
-constexpr std::uint32_t kMostThreads = 1024;
-
 stgs_log_level level_of(int level) {
   return level <= 0 ? STGS_LOG_ERROR : level == 1 ? STGS_LOG_WARNING : STGS_LOG_INFO;
 }
@@ -67,6 +65,14 @@ stgs_encoder_settings default_settings() {
 
 }  // namespace
 
+void run_on(std::uint32_t threads, const std::function<void()>& work) {
+  if (threads == 0) {
+    work();
+  } else {
+    tbb::task_arena(static_cast<int>(threads)).execute(work);
+  }
+}
+
 Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work) {
   if (encoder.cancelled) {
     return {STGS_ERROR_CANCELLED, "the encoder was cancelled before: make another one"};
@@ -81,14 +87,11 @@ Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& wo
   };
   Outcome outcome;
   const auto run = [&] { outcome = work(progress, log); };
-  const auto threads = static_cast<int>(settings.threads);
-  if (threads == 0) {
-    run();
-  } else if (limit == ThreadLimit::kProcess) {
+  if (limit == ThreadLimit::kProcess && settings.threads > 0) {
     const tbb::global_control held(tbb::global_control::max_allowed_parallelism, settings.threads);
     run();
   } else {
-    tbb::task_arena(threads).execute(run);
+    run_on(settings.threads, run);
   }
   const bool ended_for_that = watch.stopped() && outcome.result == STGS_ERROR_RUNTIME;
   if (ended_for_that) outcome.result = STGS_ERROR_CANCELLED;

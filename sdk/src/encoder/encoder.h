@@ -21,6 +21,11 @@ struct stgs_encoder {
 
 namespace stgs::sdk {
 
+inline constexpr std::uint32_t kMostThreads = 1024;
+
+// Runs `work` on so many threads at most; 0: all cores.
+void run_on(std::uint32_t threads, const std::function<void()>& work);
+
 // Which threads a piece of work is held to.
 enum class ThreadLimit { kOwn, kProcess };
 

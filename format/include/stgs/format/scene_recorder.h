@@ -54,6 +54,9 @@ class SceneRecorder {
 
   virtual std::uint32_t frames() const = 0;  // appended so far
   virtual std::uint64_t bytes() const = 0;   // of the file
+  // What the file says of its scene, but for frames and bounds.
+  virtual const SceneMetadata& metadata() const = 0;
+  virtual int sh_degree() const = 0;
 };
 
 // Copies a recording, whole or cut off anywhere, to a file with its index in the head: every record

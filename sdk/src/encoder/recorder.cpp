@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/scene_recorder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "encoder/encoder.h"
+
+struct stgs_recorder {
+  stgs::sdk::LastError error;
+  std::unique_ptr<stgs::SceneRecorder> recorder;  // null: not begun
+  std::uint32_t threads = 0;
+  bool ended = false;  // closed, or an error has ended it
+
+  stgs::sdk::Outcome check_recording() const {
+    if (recorder == nullptr) {
+      return {STGS_ERROR_STATE, "nothing is recorded: call stgs_recorder_begin or _resume first"};
+    }
+    if (ended) return {STGS_ERROR_STATE, "the recording is closed, or an error has ended it"};
+    return {};
+  }
+  stgs::sdk::Outcome check_not_begun() const {
+    if (recorder == nullptr) return {};
+    return {STGS_ERROR_STATE, "a recorder makes one file: make another one"};
+  }
+};
+
+namespace stgs::sdk {
+namespace {
+
+constexpr std::uint64_t kMostPrimitives = 200'000'000;
+constexpr float kLeastOpacity = 0.001f, kMostOpacity = 0.999f;  // whose logits are finite
+constexpr double kFar = 1e9;
+
+stgs_record_settings default_settings() {
+  const RecordSettings defaults;
+  stgs_record_settings settings{};
+  settings.struct_size = sizeof(settings);
+  settings.time_base_numerator = 1;
+  settings.time_base_denominator = 30;
+  settings.profile = STGS_PROFILE_QUANTISED;
+  settings.tiers = defaults.write.tiers;
+  settings.quality = defaults.write.quality;
+  settings.sync = 1;
+  return settings;
+}
+
+stgs_stretch default_stretch() {
+  stgs_stretch stretch{};
+  stretch.struct_size = sizeof(stretch);
+  stretch.frames = 1;
+  return stretch;
+}
+
+Outcome check(const stgs_record_settings& s) {
+  constexpr double kMost = std::numeric_limits<std::uint32_t>::max();
+  STGS_SDK_TRY(check_range("time_base_numerator", s.time_base_numerator, 1, kMost));
+  STGS_SDK_TRY(check_range("time_base_denominator", s.time_base_denominator, 1, kMost));
+  STGS_SDK_TRY(check_range("sh_degree", s.sh_degree, 0, 3));
+  STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
+  STGS_SDK_TRY(check_range("tiers", s.tiers, 1, 16));
+  STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
+  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));
+  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "by the first stretch"));
+  STGS_SDK_TRY(check_flag("sync", s.sync));
+  STGS_SDK_TRY(check_range("threads", s.threads, 0, kMostThreads));
+  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "not known"));
+  for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
+  for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
+  return check_range("sound_begin", s.sound_begin, -1e6, 1e6);
+}
+
+RecordSettings recording_of(const stgs_record_settings& s) {
+  RecordSettings settings;
+  settings.write.profile = s.profile == STGS_PROFILE_DRACO ? Profile::kDraco : Profile::kQuantised;
+  settings.write.tiers = s.tiers;
+  settings.write.quality = s.quality;
+  settings.write.max_error = s.max_error / 1000;
+  settings.write.chunk_seconds = s.chunk_seconds;
+  settings.sync = s.sync != 0;
+  return settings;
+}
+
+Outcome take_start_view(const stgs_view* given, SceneMetadata& metadata) {
+  if (given == nullptr) return {};
+  stgs_view view{};
+  STGS_SDK_TRY(take_struct(given, view, "settings: start_view"));
+  StartCamera& camera = metadata.start_camera.emplace();
+  std::copy_n(view.rotation, 9, camera.rotation);
+  std::copy_n(view.translation, 3, camera.translation);
+  camera.fx = view.fx;
+  camera.fy = view.fy;
+  camera.cx = view.cx;
+  camera.cy = view.cy;
+  camera.width = view.width;
+  camera.height = view.height;
+  metadata.near_plane = view.near_plane;
+  std::copy_n(view.background, 3, metadata.background);
+  return {};
+}
+
+Outcome take_metadata(const stgs_record_settings& s, SceneMetadata& metadata) {
+  metadata.time_base = {s.time_base_numerator, s.time_base_denominator};
+  metadata.generator = fmt::format("libstgs_encoder {}.{}.{}", STGS_VERSION_MAJOR,
+                                   STGS_VERSION_MINOR, STGS_VERSION_PATCH);
+  metadata.title = text_of(s.title);
+  metadata.metres_per_unit = static_cast<float>(s.metres_per_unit);
+  if (const double length = std::hypot(s.up[0], s.up[1], s.up[2]); length > 0) {
+    for (int i = 0; i < 3; ++i) metadata.up[i] = static_cast<float>(s.up[i] / length);
+    std::copy_n(s.floor, 3, metadata.floor);
+  }
+  metadata.sound = text_of(s.sound);
+  metadata.sound_begin = metadata.time_base.ticks(s.sound_begin);
+  return take_start_view(s.start_view, metadata);
+}
+
+Outcome wrong(std::string message) {
+  return {STGS_ERROR_ARGUMENT, "stretch: " + std::move(message)};
+}
+
+Outcome check(const stgs_stretch& s, std::uint32_t frames) {
+  if (s.frames == 0) return wrong("its frames are 0; it has one at least");
+  constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
+  if (std::max(s.frames, s.stay_frames) > kMost - frames) {
+    return wrong(fmt::format("{} frames after {} are more than a file can have",
+                             std::max(s.frames, s.stay_frames), frames));
+  }
+  if (s.count > kMostPrimitives) {
+    return wrong(fmt::format("{} primitives, more than {}", s.count, kMostPrimitives));
+  }
+  const std::pair<const char*, const float*> needed[] = {
+      {"position", s.position}, {"scale", s.scale}, {"opacity", s.opacity}, {"sh", s.sh}};
+  for (const auto& [name, array] : needed) {
+    if (s.count > 0 && array == nullptr) return wrong(fmt::format("{} is NULL", name));
+  }
+  const bool whole = s.time == nullptr;
+  if ((s.sigma == nullptr) != whole || (s.radius == nullptr) != whole) {
+    return wrong("time, sigma and radius go together: give all three, or none");
+  }
+  return {};
+}
+
+// The stretch as the format has it, in ticks of `seconds`. What the recorder checks is left to it.
+Outcome take_primitives(const stgs_stretch& s, int sh_degree, double seconds, Gaussians4D& set) {
+  const auto n = static_cast<std::size_t>(s.count);
+  set.sh_degree = sh_degree;
+  set.resize(n);
+  std::copy_n(s.sh, set.sh.size(), set.sh.begin());
+  std::copy_n(s.position, 3 * n, set.position.begin());
+  if (s.rotation != nullptr) std::copy_n(s.rotation, 4 * n, set.rotation.begin());
+  for (std::size_t i = 0; i < 3 * n; ++i) {
+    if (!(s.scale[i] > 0)) {
+      return wrong(fmt::format("scale of primitive {} is {}, not > 0", i / 3, s.scale[i]));
+    }
+    set.log_scale[i] = std::log(s.scale[i]);
+    if (s.velocity != nullptr) set.velocity[i] = static_cast<float>(s.velocity[i] * seconds);
+  }
+  // From the first frame, in full, to beyond the last at which it may be seen.
+  const auto always = 2.0f * static_cast<float>(std::max(s.frames, s.stay_frames));
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!(s.opacity[i] >= 0 && s.opacity[i] <= 1)) {
+      return wrong(fmt::format("opacity of primitive {} is {}, not 0 to 1", i, s.opacity[i]));
+    }
+    const float opacity = std::clamp(s.opacity[i], kLeastOpacity, kMostOpacity);
+    set.opacity_logit[i] = std::log(opacity / (1 - opacity));
+    if (s.rotation == nullptr) set.rotation[4 * i] = 1;
+    set.time[i] = s.time == nullptr ? 0 : static_cast<float>(s.time[i] / seconds);
+    set.sigma[i] = s.sigma == nullptr ? always : static_cast<float>(s.sigma[i] / seconds);
+    set.radius[i] = s.radius == nullptr ? always : static_cast<float>(s.radius[i] / seconds);
+  }
+  return {};
+}
+
+Outcome take_path_and_settings(const stgs_recorder& recorder, const char* path,
+                               const stgs_record_settings* given, stgs_record_settings& settings) {
+  STGS_SDK_TRY(recorder.check_not_begun());
+  STGS_SDK_TRY(check_path("path", path));
+  STGS_SDK_TRY(take_settings(given, settings));
+  return check(settings);
+}
+
+Outcome append(stgs_recorder& to, const stgs_stretch& stretch) {
+  SceneRecorder& recorder = *to.recorder;
+  STGS_SDK_TRY(check(stretch, recorder.frames()));
+  Gaussians4D set;
+  STGS_SDK_TRY(take_primitives(stretch, recorder.sh_degree(),
+                               recorder.metadata().time_base.seconds(1), set));
+  std::span<const float> importance;
+  if (stretch.importance != nullptr) importance = {stretch.importance, set.size()};
+  const std::uint32_t begin = recorder.frames();
+  Outcome outcome;
+  run_on(to.threads, [&] {
+    outcome = recorder.append(set, begin + stretch.frames, importance, begin + stretch.stay_frames);
+  });
+  const bool as_before = outcome.result == STGS_OK || outcome.result == STGS_ERROR_ARGUMENT ||
+                         outcome.result == STGS_ERROR_UNSUPPORTED;
+  to.ended = !as_before;
+  return outcome;
+}
+
+}  // namespace
+}  // namespace stgs::sdk
+
+extern "C" {
+
+stgs_result stgs_record_settings_defaults(stgs_record_settings* settings, size_t struct_size) {
+  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+}
+
+stgs_result stgs_stretch_defaults(stgs_stretch* stretch, size_t struct_size) {
+  return stgs::sdk::put_defaults(stretch, struct_size, stgs::sdk::default_stretch());
+}
+
+stgs_result stgs_recorder_create(stgs_recorder** out) {
+  if (out == nullptr) return STGS_ERROR_ARGUMENT;
+  *out = new (std::nothrow) stgs_recorder;
+  return *out == nullptr ? STGS_ERROR_OUT_OF_MEMORY : STGS_OK;
+}
+
+void stgs_recorder_destroy(stgs_recorder* recorder) {
+  delete recorder;
+}
+
+stgs_result stgs_recorder_error(const stgs_recorder* recorder, stgs_error* error) {
+  return recorder == nullptr ? STGS_ERROR_ARGUMENT : recorder->error.tell(error);
+}
+
+stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
+                                const stgs_record_settings* settings) {
+  using namespace stgs::sdk;
+  return guarded(recorder, [&]() -> Outcome {
+    stgs_record_settings taken = default_settings();
+    STGS_SDK_TRY(take_path_and_settings(*recorder, path, settings, taken));
+    stgs::SceneMetadata metadata;
+    STGS_SDK_TRY(take_metadata(taken, metadata));
+    auto made = stgs::SceneRecorder::create(path, metadata, taken.sh_degree, recording_of(taken));
+    if (!made.ok()) return made.status();
+    recorder->recorder = std::move(made).value();
+    recorder->threads = taken.threads;
+    return {};
+  });
+}
+
+stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
+                                 const stgs_record_settings* settings) {
+  using namespace stgs::sdk;
+  return guarded(recorder, [&]() -> Outcome {
+    stgs_record_settings taken = default_settings();
+    STGS_SDK_TRY(take_path_and_settings(*recorder, path, settings, taken));
+    auto made = stgs::SceneRecorder::resume(path, recording_of(taken));
+    if (!made.ok()) return made.status();
+    recorder->recorder = std::move(made).value();
+    recorder->threads = taken.threads;
+    return {};
+  });
+}
+
+stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_stretch* stretch) {
+  using namespace stgs::sdk;
+  return guarded(recorder, [&]() -> Outcome {
+    STGS_SDK_TRY(recorder->check_recording());
+    stgs_stretch taken = default_stretch();
+    STGS_SDK_TRY(take_struct(stretch, taken, "stretch"));
+    return append(*recorder, taken);
+  });
+}
+
+stgs_result stgs_recorder_close(stgs_recorder* recorder) {
+  using namespace stgs::sdk;
+  return guarded(recorder, [&]() -> Outcome {
+    STGS_SDK_TRY(recorder->check_recording());
+    recorder->ended = true;
+    return recorder->recorder->close();
+  });
+}
+
+stgs_result stgs_recorder_get_status(stgs_recorder* recorder, stgs_recorder_status* status) {
+  using namespace stgs::sdk;
+  return guarded(recorder, [&]() -> Outcome {
+    if (recorder->recorder == nullptr) return recorder->check_recording();
+    STGS_SDK_TRY(check_struct(status, "status"));
+    const stgs::SceneRecorder& of = *recorder->recorder;
+    const stgs::TimeBase& time_base = of.metadata().time_base;
+    give_struct(status, {sizeof(*status), of.bytes(), of.frames(), time_base.numerator,
+                         time_base.denominator, of.sh_degree()});
+    return {};
+  });
+}
+
+}  // extern "C"
