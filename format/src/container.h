@@ -42,7 +42,8 @@ inline constexpr std::uint32_t kPrivateTag = tag_of("PRIV");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 inline constexpr std::uint32_t kFragmentTag = tag_of("FRAG");
 inline constexpr std::uint32_t kCopyTag = tag_of("COPY");
-inline constexpr std::uint16_t kCopyMinor = 1;  // the version of the format that has it
+// The version of the format that has it, and finds a fragment by what it lists (spec 5.12).
+inline constexpr std::uint16_t kCopyMinor = 1;
 
 // XXH3-64, seed 0 (spec 1.5).
 std::uint64_t checksum(std::span<const std::uint8_t> bytes);
@@ -178,6 +179,9 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
 // `offset` is the record's. `known_tag`: the tag is one that may stand here.
 bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
                  Findings& findings);
+// The header of a record that lies whole before `end`, if it is right.
+Result<std::optional<RecordHeader>> whole_record_at(const ByteSource& source, std::uint64_t offset,
+                                                    std::uint64_t end);
 bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
                    std::uint64_t offset, Findings& findings);
 // What META must hold beyond its layout (spec 4.3): a writer checks it too.

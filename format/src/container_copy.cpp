@@ -57,16 +57,8 @@ bool is_its_place(const FileHeader& header, std::uint64_t at, std::uint64_t end)
   return (header.flags & kGrowing) != 0 ? at == header.head_bytes : end == header.file_bytes;
 }
 
-// A record that lies whole in the file, with a right header.
-Result<std::optional<RecordHeader>> record_at(const ByteSource& source, std::uint64_t offset) {
-  std::optional<RecordHeader> none;
-  if (offset > source.size() || source.size() - offset < kRecordHeaderBytes) return none;
-  Bytes bytes(kRecordHeaderBytes);
-  STGS_TRY(source.read(offset, bytes));
-  Findings ignored;  // whatever is wrong: there is no such record
-  RecordHeader header;
-  if (!parse_record_header(bytes, offset, source.size(), header, ignored)) return none;
-  return std::optional(header);
+bool states_its_length(std::span<const std::uint8_t> payload) {
+  return ByteReader(payload.last(kLengthBytes)).u64() == payload.size();
 }
 
 bool is_copy(const RecordHeader& record) {
@@ -88,20 +80,21 @@ class Search {
 
  private:
   Result<Found> at(std::uint64_t offset) const {
-    STGS_ASSIGN(const auto record, record_at(source_, offset));
-    if (!record || !is_copy(*record)) return Found();
-    STGS_TRY(check_memory(record->length));
+    STGS_ASSIGN(const auto record, whole_record_at(source_, offset, source_.size()));
+    if (!record || !is_copy(*record) || record->length > limits_.max_memory) return Found();
     Bytes payload(record->length);
     STGS_TRY(source_.read(offset + kRecordHeaderBytes, payload));
-    if (checksum(payload) != record->checksum) return Found();
+    if (checksum(payload) != record->checksum || !states_its_length(payload)) return Found();
     const std::optional<FileHeader> header = intact_header(payload);
-    if (!header || header->head_bytes < kHeaderBytes) return Found();
+    if (!header || header->head_bytes < kHeaderBytes ||
+        header->head_bytes > std::min(source_.size(), limits_.max_memory)) {
+      return Found();
+    }
     const std::uint64_t end = offset + kRecordHeaderBytes + record->length;
     const bool growing = (header->flags & kGrowing) != 0;
     const bool own = stated_ ? std::equal(first_.begin(), first_.end(), payload.begin())
                              : header->file_bytes == (growing ? 0 : source_.size());
     if (!own || !is_its_place(*header, offset, end)) return Found();
-    STGS_TRY(check_memory(header->head_bytes));
     Bytes head = unpack_copy(payload, *header);
     return head.empty() ? Found() : Found({offset, std::move(head)});
   }
@@ -121,18 +114,12 @@ class Search {
   Result<Found> behind_records() const {
     std::uint64_t offset = kHeaderBytes;
     for (int passed = 0; passed <= kMostRecordsBefore; ++passed) {
-      STGS_ASSIGN(const auto record, record_at(source_, offset));
+      STGS_ASSIGN(const auto record, whole_record_at(source_, offset, source_.size()));
       if (!record || record->tag == kSegmentTag || record->tag == kFragmentTag) break;
       if (record->tag == kCopyTag) return at(offset);
       offset += kRecordHeaderBytes + record->length;
     }
     return Found();
-  }
-
-  Status check_memory(std::uint64_t bytes) const {
-    if (bytes <= limits_.max_memory) return {};
-    return unsupported("a copy of the head of {} bytes, more than the limit of {}", bytes,
-                       limits_.max_memory);
   }
 
   const ByteSource& source_;
@@ -163,7 +150,7 @@ Result<Found> find_head_copy(const ByteSource& source, std::span<const std::uint
 }
 
 Result<std::uint64_t> end_of_head_copy(const ByteSource& source, const FileHeader& header) {
-  STGS_ASSIGN(const auto record, record_at(source, header.head_bytes));
+  STGS_ASSIGN(const auto record, whole_record_at(source, header.head_bytes, source.size()));
   if (!record || !is_copy(*record)) return header.head_bytes;
   return header.head_bytes + kRecordHeaderBytes + record->length;
 }
@@ -171,15 +158,14 @@ Result<std::uint64_t> end_of_head_copy(const ByteSource& source, const FileHeade
 void check_head_copy(const ByteSource& source, const FileHead& head, std::uint64_t at,
                      std::span<const std::uint8_t> payload, Findings& findings) {
   if (!is_its_place(head.header, at, at + kRecordHeaderBytes + payload.size())) {
-    return findings.error(N::kHeadCopy, at, "a copy of the head where readers do not look for it");
+    return findings.warning(N::kForeignCopy, at, "a copy of a head where readers do not look");
   }
   const Result<Bytes> own = read_head_bytes(source, head);
   if (!own.ok()) return findings.failed_read(0, own.status());
-  const bool same = payload.size() >= kHeaderBytes + kLengthBytes &&
-                    ByteReader(payload.last(kLengthBytes)).u64() == payload.size() &&
+  const bool same = payload.size() >= kHeaderBytes + kLengthBytes && states_its_length(payload) &&
                     std::equal(own->begin(), own->begin() + kHeaderBytes, payload.begin()) &&
                     unpack_copy(payload, head.header) == *own;
-  if (!same) findings.error(N::kHeadCopy, at, "the copy of the head is not the head");
+  if (!same) findings.warning(N::kForeignCopy, at, "a copy of a head that is not this file's");
 }
 
 }  // namespace stgs

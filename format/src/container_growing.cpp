@@ -35,6 +35,7 @@ class Fragments {
  public:
   Fragments(const ByteSource& source, const FileHead& head)
       : source_(source),
+        head_(head),
         body_at_(head.header.head_bytes),
         head_checksum_(head.head_checksum),
         limit_(head.limits.max_memory),
@@ -45,6 +46,16 @@ class Fragments {
     STGS_ASSIGN(Found found, at_end());
     if (found) return found;
     return last_before(source_.size());
+  }
+
+  static std::span<const std::uint8_t> index_of(const Fragment& fragment) {
+    const std::span<const std::uint8_t> payload(fragment.payload);
+    return payload.subspan(kFixedBytes, payload.size() - kFixedBytes - kLengthBytes);
+  }
+  // Where the records that it lists lie.
+  RecordArea area_of(const Fragment& fragment) const {
+    const std::uint64_t previous = fragment.header.previous;
+    return {previous != 0 ? previous : body_at_, fragment.offset};
   }
 
   // Of the right ones that last() found not to be sound, the most frames.
@@ -95,16 +106,10 @@ class Fragments {
   }
 
  private:
-  // A record that lies whole before `end`, with a right header.
+  // Of the body.
   Result<std::optional<RecordHeader>> record_at(std::uint64_t offset, std::uint64_t end) const {
-    std::optional<RecordHeader> none;
-    if (offset < body_at_ || offset > end || end - offset < kRecordHeaderBytes) return none;
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    STGS_TRY(source_.read(offset, bytes));
-    Findings ignored;  // whatever is wrong: there is no such record
-    RecordHeader header;
-    if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
-    return std::optional(header);
+    if (offset < body_at_) return std::optional<RecordHeader>();
+    return whole_record_at(source_, offset, end);
   }
 
   static bool looks_like_one(std::span<const std::uint8_t> bytes) {
@@ -157,9 +162,11 @@ class Fragments {
       if (!before || !is_fragment(*before)) return false;
       at = fragment.header.before + kRecordHeaderBytes + before->length;
     }
+    const std::uint64_t first = at;
     while (at != fragment.offset) {
       STGS_ASSIGN(const auto record, record_at(at, fragment.offset));
-      if (!record || work_ < kRecordHeaderBytes) return false;
+      if (!record) return lists_a_record(fragment, first);
+      if (work_ < kRecordHeaderBytes) return false;
       if (record->tag == kSegmentTag && record->flags == kCritical) return true;
       work_ -= kRecordHeaderBytes;
       at += kRecordHeaderBytes + record->length;
@@ -167,7 +174,28 @@ class Fragments {
     return true;
   }
 
+  // Where a header on the way is damaged: whether a record that the fragment lists stands where it
+  // says, from `first` on. Before 1.1 that did not count.
+  Result<bool> lists_a_record(const Fragment& fragment, std::uint64_t first) {
+    if (head_.header.minor < kCopyMinor) return false;
+    FileHead listed;
+    listed.limits = head_.limits;
+    listed.header = head_.header;
+    listed.metadata = head_.metadata;
+    Findings ignored;  // what is wrong with it is told if it is used
+    if (!parse_index(index_of(fragment), 0, area_of(fragment), listed, ignored)) return false;
+    for (const SegmentEntry& segment : listed.index.segments) {
+      if (segment.base.offset < first) continue;
+      if (work_ < kRecordHeaderBytes) return false;
+      work_ -= kRecordHeaderBytes;
+      STGS_ASSIGN(const auto record, record_at(segment.base.offset, fragment.offset));
+      if (record && record->tag == kSegmentTag && record->flags == kCritical) return true;
+    }
+    return false;
+  }
+
   const ByteSource& source_;
+  const FileHead& head_;
   std::uint64_t body_at_ = 0, head_checksum_ = 0, limit_ = 0;
   std::uint32_t unreached_frames_ = 0;
   std::uint64_t work_ = 0;  // bytes that may still be read for what may be none
@@ -321,11 +349,9 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
     if (!check_fragment_flags(fragment.header.flags, is_last, fragment.offset, findings)) {
       return false;
     }
-    const std::span<const std::uint8_t> payload(fragment.payload);
-    const std::uint64_t base = fragment.header.previous;
-    const RecordArea area = {base != 0 ? base : body_at, fragment.offset};
-    if (!parse_index(payload.subspan(kFixedBytes, payload.size() - kFixedBytes - kLengthBytes),
-                     fragment.offset + kRecordHeaderBytes + kFixedBytes, area, head, findings)) {
+    if (!parse_index(Fragments::index_of(fragment),
+                     fragment.offset + kRecordHeaderBytes + kFixedBytes,
+                     fragments.area_of(fragment), head, findings)) {
       return false;
     }
     if (!fragment.after_damage) continue;

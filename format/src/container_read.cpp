@@ -193,6 +193,18 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
   return true;
 }
 
+Result<std::optional<RecordHeader>> whole_record_at(const ByteSource& source, std::uint64_t offset,
+                                                    std::uint64_t end) {
+  std::optional<RecordHeader> none;
+  if (offset > end || end - offset < kRecordHeaderBytes) return none;
+  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+  STGS_TRY(source.read(offset, bytes));
+  Findings ignored;  // whatever is wrong: there is no such record
+  RecordHeader header;
+  if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
+  return std::optional(header);
+}
+
 namespace {
 
 // Whether records of this tag must be marked critical (spec 3.2).
@@ -295,11 +307,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
   if (!intact) copy = find_head_copy(source, first, limits);
   if (!copy.ok()) {
-    if (copy.status().code() == StatusCode::kUnsupported) {
-      findings.unsupported(N::kMemoryLimit, 0, "{}", copy.status().message());
-    } else {
-      findings.failed_read(0, copy.status());
-    }
+    findings.failed_read(0, copy.status());
     return false;
   }
   if (!*copy) {  // what is damaged is told by who reads it
@@ -307,7 +315,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
     return read;
   }
   const Issue why = (read ? damage : found).take().front();
-  findings.damage(N::kHeadCopy, why.offset,
+  findings.damage(N::kMendedHead, why.offset,
                   "the head is damaged and was read from its copy at byte {}; copy or fetch the "
                   "file again ({}, issue {})",
                   (*copy)->offset, why.message, why.number);

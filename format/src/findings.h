@@ -31,7 +31,8 @@ enum class IssueNumber : int {
   kMissingRecord = 115,       // no META or INDX
   kNotCritical = 116,         // META, INDX or SEGM without the critical bit
   kPrivate = 117,             // a private number whose maker is not named
-  kHeadCopy = 118,            // a head that is read from its copy; a copy that is none
+  kMendedHead = 118,          // a head that is damaged, and is read from its copy
+  kForeignCopy = 119,         // warning: a copy of a head that readers do not take for this one's
   kMetadataLayout = 200,      // too short
   kMetadataConvention = 201,  // an unknown unit, axis, colour or SH convention, or profile
   kTimeBase = 202,            // zero numerator or denominator, or no frames

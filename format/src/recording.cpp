@@ -152,6 +152,13 @@ Result<FileHead> read_resumable(const ByteSource& source) {
           "{}: its head or a fragment of its index is damaged; 'stgs finalize' keeps the rest",
           source.name());
     }
+    if (head.unreached_frames > 0) {
+      return invalid_file(
+          "{}: a record that leads to a fragment of its index is damaged; 'stgs finalize' keeps "
+          "the "
+          "rest",
+          source.name());
+    }
     if (head.fragments.empty()) return head;
     if (!is_ours(source, head)) {
       return unsupported("{}: is laid out otherwise than this recorder does; 'stgs finalize' it",

@@ -42,13 +42,15 @@ class Extras {
 
   Result<std::vector<std::string>> find() {
     STGS_TRY(find_further());
-    STGS_TRY(find_records(kHeaderBytes, head_.header.head_bytes));
+    STGS_ASSIGN(std::vector<std::uint8_t> head, read_head_bytes(source_, head_));
+    const std::unique_ptr<ByteSource> in_head = memory_source(std::move(head));
+    STGS_TRY(find_records(*in_head, kHeaderBytes, head_.header.head_bytes));
     std::uint64_t at = head_.header.head_bytes;
     for (const IndexEntry* record : records_of(head_.index.segments)) {
-      STGS_TRY(find_records(at, record->offset));
+      STGS_TRY(find_records(source_, at, record->offset));
       at = record->offset + record->bytes;
     }
-    STGS_TRY(find_records(at, std::min(head_.header.file_bytes, head_.there)));
+    STGS_TRY(find_records(source_, at, std::min(head_.header.file_bytes, head_.there)));
     find_attributes();
     if (head_.metadata.profile_number >= kFirstPrivate) {
       lines_.push_back(
@@ -94,16 +96,16 @@ class Extras {
   }
 
   // Records that are not critical, but for those that a Scene has.
-  Status find_records(std::uint64_t at, std::uint64_t end) {
+  Status find_records(const ByteSource& source, std::uint64_t at, std::uint64_t end) {
     while (at < end && end - at >= kRecordHeaderBytes) {
       std::vector<std::uint8_t> bytes(std::min(end - at, kRecordHeaderBytes + kMostName));
-      STGS_TRY(source_.read(at, bytes));
+      STGS_TRY(source.read(at, bytes));
       Findings damaged;
       RecordHeader record;
       if (!parse_record_header(bytes, at, end, record, damaged)) break;
       const std::uint64_t size = kRecordHeaderBytes + record.length;
-      const bool ours =
-          record.tag == kWindowTag || record.tag == kPrivateTag || record.tag == kImportanceTag;
+      const bool ours = record.tag == kWindowTag || record.tag == kPrivateTag ||
+                        record.tag == kImportanceTag || record.tag == kCopyTag;
       if ((record.flags & kCritical) == 0 && !ours) {
         const auto payload = std::span<const std::uint8_t>(bytes).subspan(
             kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMostName));

@@ -249,6 +249,10 @@ void walk_head_records(const ByteSource& source, const FileHead& head, Findings&
     if ((record.flags & kCritical) != 0) continue;
     const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
     if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
+    if (record.tag == kCopyTag) {
+      findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes,
+                       "a copy of a head in a head");
+    }
     if (!check_payload(record, payload, payload_at, findings)) continue;
     check_private_record(record, payload, payload_at, findings);
   }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clauses 2, 3 and 5: header, records, heads, files that grow, IMPO."""
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import le
 
 import layouts
@@ -33,6 +33,7 @@ class File:
     body_at: int = 0         # behind the last record that the index tells
     end: int = 0             # of what is complete
     growing: bool = False
+    minor: int = 0
     chunk: float = None
     damage: list = field(default_factory=list)  # Refused: what is read past
 
@@ -51,7 +52,7 @@ def read_header(data):
     need(growing or HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
     need(head_bytes >= HEADER, "2.3", f"a head of {head_bytes} bytes")
     need(head_bytes <= len(data), "2.6", "shorter than its head")
-    return head_bytes, len(data) if growing else file_bytes, growing
+    return head_bytes, len(data) if growing else file_bytes, growing, minor
 
 
 def known(tag, flags, tags):
@@ -141,14 +142,32 @@ def sound_fragment(file, at, end):
             tag, flags, payload, _ = record_at(file.data, found.before, found.at)
             need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", "not a fragment")
             at = found.before + RECORD + len(payload)
+        first = at
         while at != found.at:
-            tag, flags, payload, _ = record_at(file.data, at, found.at)
+            try:
+                tag, flags, payload, _ = record_at(file.data, at, found.at)
+            except Refused:
+                return found if file.minor >= 1 and lists_a_record(file, found, first) else None
             if (tag, flags) == (b"SEGM", 1):
                 break
             at += RECORD + len(payload)
         return found
     except Refused:
         return None
+
+
+def lists_a_record(file, found, first):
+    """Whether one of the records of primitives that a fragment lists stands where it says, from `first` on."""
+    listed = replace(file, tiers=[], chunk=None)
+    read_index(listed, Fields(found.index.data[found.index.at:], "5.12"), found.previous or file.head_bytes, found.at)
+    for tier in listed.tiers:
+        try:
+            tag, flags, _, _ = record_at(file.data, tier.base.offset, found.at)
+            if tier.base.offset >= first and (tag, flags) == (b"SEGM", 1):
+                return True
+        except Refused:
+            pass
+    return False
 
 
 def last_before(file, end):
@@ -249,6 +268,6 @@ def open_file(data, limits):
     file = File(data if head is None else head + data[len(head):], limits=limits)
     if head is not None:
         file.damage.append(Refused("3.6", "the head is damaged and was read from its copy"))
-    file.head_bytes, file.end, file.growing = read_header(file.data)
+    file.head_bytes, file.end, file.growing, file.minor = read_header(file.data)
     read_head(file, limits)
     return file

@@ -223,6 +223,24 @@ TEST_CASE("a recording goes on with its copy, and finalize writes another") {
   CHECK(opened(finished)->primitives() == 120);
 }
 
+TEST_CASE("nothing is cut off a recording whose last stretch cannot be reached") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  record(path, 1, false);
+  Bytes bytes = bytes_of(path);
+  for (const SegmentInfo& segment : opened(path)->segments()) bytes[segment.offset + 9] ^= 1;
+  {
+    std::ofstream file(path, std::ios::binary);
+    file.write(reinterpret_cast<const char*>(bytes.data()),
+               static_cast<std::streamsize>(bytes.size()));
+  }
+  CHECK(opened(path)->primitives() == 0);
+  CHECK(opened(path)->unreached_frames() == kStretchFrames);
+  const auto recorder = SceneRecorder::resume(path, recording_settings());
+  CHECK(recorder.status().code() == StatusCode::kInvalidFile);
+  CHECK(bytes_of(path) == bytes);
+}
+
 TEST_CASE("a recording cut anywhere is read up to its last complete stretch") {
   const TemporaryFolder folder;
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {

@@ -2,9 +2,10 @@
 """Copies of the head, and what they stand in for (3.6)."""
 import struct
 
-from vector_file import checksum, record, zstd_frame
+from vector_file import Body, Part, Segment, checksum, record, zstd_frame
 from vector_growing import Fragment, growing
 from vector_list import framed, must_fail, plain, private, vector, with_byte
+from vector_scenes import float_streams
 from vectors_growing import stretches
 
 META = 72  # where its payload begins, if it is the first record
@@ -38,12 +39,20 @@ def sound_copies():
            copied(plain(), store=zstd_frame))
     vector("growing_copied", "3.6", "a recording with a copy of its head",
            growing(stretches(3), copy=copy))
+    one = growing(stretches(1), copy=copy)
+    vector("growing_copy_header", "5.12", "the header of the copy is damaged: what the fragment lists leads to it",
+           with_byte(one, one.index(b"COPY") + 9), reported=(110,))
+    two = Part([Segment(-1, 0, [Body(float_streams(2, 0, 10, 1, 8), 2)]),
+                Segment(0, 0, [Body(float_streams(1, 0, 11, 2, 1), 1)])], 0, 10)
+    segments = growing([two], copy=copy)
+    must_fail("growing_first_header", "3.1", "the header of a stretch's first record is damaged: its second leads to it",
+              with_byte(segments, segments.index(b"SEGM") + 9))
     vector("growing_copied_empty", "5.12", "a recording of nothing but a head and its copy",
            growing([], copy=copy))
     vector("copy_of_another_head", "3.6", "a copy that is of another head than this one, which is sound",
-           copied(plain(), of=lambda head: with_byte(head, 12)), reported=(118,))
+           copied(plain(), of=lambda head: with_byte(head, 12)))
     vector("copy_before_another_record", "3.6", "a copy that is not the last record",
-           copied(plain(), behind=record(b"NOTE", b"late", 0)), reported=(118,))
+           copied(plain(), behind=record(b"NOTE", b"late", 0)))
 
 
 def damaged_heads():
@@ -97,5 +106,9 @@ def broken_copies():
               with_byte(whole[:at] + record(b"NOTE", b"", 0) + whole[at:], 0))
     must_fail("growing_head_of_65_records", "2.1", "too many records before the copy", with_byte(
         growing(stretches(1), copy=copy, head_last=record(b"NOTE", b"", 0) * 64), 0))
-    must_fail("copy_beyond_the_limit", "conformance 1.5", "a head of more memory than the limit",
+    must_fail("copy_beyond_the_limit", "2.1", "a copy of more memory than the limit is none",
               with_byte(whole, 0), {"max_memory": 200})
+    must_fail("copy_beyond_the_file", "2.1", "it states a head that is larger than the file", with_byte(
+        copied(plain(), of=lambda head: sealed(head[:24] + struct.pack("<Q", 1 << 40)) + head[40:]), 0))
+    must_fail("growing_copy_length", "3.1", "its last bytes are not its length", with_byte(
+        growing(stretches(1), copy=lambda head: copy(head, length=1)), META))
