@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Holds the source tree to its shape: who may include whom, one type a name, file lengths, licence
-lines.
+lines, and no names that tests which run side by side would share.
 
 usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one a line on stdout
 """
@@ -37,6 +37,7 @@ NOT_SOURCE = {".git", "build"}  # and whatever .gitignore lists by folder at the
 CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
 SCRIPTS = (".py", ".sh", ".cmake")
 MAX_LINES = 800
+TEMPORARY = "tests/api/temporary_folder.h"  # alone asks where temporary files go
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
 NAMESPACE = re.compile(r"(?:inline )?namespace ?([\w:]*) ?\{$")
@@ -110,6 +111,16 @@ def check_include_root(path):
         yield f"{path}: a public header of {module} belongs in {home}"
 
 
+def check_temporary(path, lines):
+    """Cases of one program are tests of their own: a fixed name in the temporary folder is theirs
+    all."""
+    if not path.startswith("tests/") or path == TEMPORARY:
+        return
+    for number, line in enumerate(lines, 1):
+        if "temp_directory_path" in line:
+            yield f"{path}:{number}: temporary files of tests lie in the folder of {TEMPORARY}"
+
+
 def named_types(lines):
     """(line number, full name) of the types that a file defines for the linker to see."""
     spaces = []
@@ -140,6 +151,7 @@ def check(root):
         if path.endswith(CODE):
             problems += check_includes(root, path, lines)
             problems += check_include_root(path)
+            problems += check_temporary(path, lines)
         if path.endswith(CODE) and not path.startswith("tests/"):  # each of which is a program
             for number, name in named_types(lines):
                 if types.setdefault(name, path) != path:

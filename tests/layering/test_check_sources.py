@@ -74,6 +74,12 @@ class CheckSources(unittest.TestCase):
         self.assertEqual(self.problems({"format/src/a.cpp": LICENCE + "\n" * 799}), [])
         self.assert_breach("format/src/a.cpp", "\n" * 800, "801 lines")
 
+    def test_temporary_files_of_tests_have_one_home(self):
+        call = "auto p = std::filesystem::temp_directory_path();\n"
+        self.assert_breach("tests/api/a.cpp", call, "temporary files of tests")
+        self.assertEqual(self.problems({"tests/api/temporary_folder.h": LICENCE + call,
+                                        "encoder/src/a.cpp": LICENCE + call}), [])
+
     def test_public_headers_have_one_root(self):
         self.assert_breach("format/include/stgs/other/a.h", "", "belongs in")
         self.assert_breach("player/src/include/a.h", "", "belongs in")
