@@ -9,30 +9,50 @@ import time
 class Nginx:
     """`limit`: bytes a second of a connection, as nginx writes them."""
 
+    PATIENCE = 60  # seconds that a busy machine has until it serves
+
     def __init__(self, folder, limit="0"):
+        self.folder, self.limit = folder, limit
+        self.config = folder + "/nginx.conf"
+        self.pid, self.log = folder + "/pid", folder + "/error.log"
+
+    def __enter__(self):
+        end = time.monotonic() + self.PATIENCE
+        while time.monotonic() < end:
+            self._start()
+            # It names itself when it has its port, and ends where another was there first.
+            while self.server.poll() is None and time.monotonic() < end:
+                if self._is_named():
+                    return self
+                time.sleep(0.02)
+        self.__exit__()
+        with open(self.log, encoding="utf-8") as log:
+            raise RuntimeError("nginx does not serve: " + log.read())
+
+    def _start(self):
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/scene.stgs"
+        folder = self.folder
         config = f"""
-            worker_processes 1; daemon off; pid {folder}/pid; error_log {folder}/error.log;
+            worker_processes 1; daemon off; pid {self.pid}; error_log {self.log};
             events {{}}
             http {{ access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
               fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
               scgi_temp_path {folder}/5;
-              server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {limit}; }} }}"""
-        with open(folder + "/nginx.conf", "w", encoding="ascii") as file:
+              server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {self.limit}; }} }}"""
+        with open(self.config, "w", encoding="ascii") as file:
             file.write(config if os.getuid() else "user root;" + config)
-        self.command = ["nginx", "-e", folder + "/error.log", "-c", folder + "/nginx.conf"]
+        self.server = subprocess.Popen(["nginx", "-e", self.log, "-c", self.config],
+                                       stderr=subprocess.DEVNULL)
 
-    def __enter__(self):
-        self.server = subprocess.Popen(self.command, stderr=subprocess.DEVNULL)
-        for _ in range(100):
-            with socket.socket() as client:
-                if client.connect_ex(("127.0.0.1", self.port)) == 0:
-                    break
-            time.sleep(0.05)
-        return self
+    def _is_named(self):
+        try:
+            with open(self.pid, encoding="ascii") as file:
+                return file.read().strip() == str(self.server.pid)
+        except FileNotFoundError:
+            return False
 
     def __exit__(self, *_):
         self.server.terminate()

@@ -69,6 +69,10 @@ class LentFile {
     }
   }
   bool is_late() const { return habits_.late; }
+  bool is_waited_for() {
+    const std::lock_guard lock(mutex_);
+    return !waiting_.empty();
+  }
   bool is_closed() {
     const std::lock_guard lock(mutex_);
     return closed_;

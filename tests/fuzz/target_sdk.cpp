@@ -4,6 +4,7 @@
 // is one that the header names, what fails says why, and what was lent is called as the header
 // says.
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -11,6 +12,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <thread>
 
 #include "../api/stretch_fixture.h"
 #include "../api/temporary_folder.h"
@@ -31,15 +33,17 @@ std::vector<Bytes> seeds() {
           // A player: make, play, open, wait, update, draw, seek, update, end.
           {7, 0, 9, 0, 8, 1, 10, 0, 11, 1, 2, 1, 12, 6, 9, 2, 11, 9, 13, 0},
           // One over a source that answers late.
-          {7, 1, 8, 0xE2, 11, 0, 14, 0, 11, 1, 14, 0, 9, 1, 14, 1, 11, 2, 13, 0},
+          {7,  1, 8, 0xE2, 21, 0, 14, 0, 21, 0, 14, 0, 21, 0,
+           14, 0, 9, 1,    21, 0, 14, 1, 21, 0, 14, 0, 13, 0},
           // A scene and a player over sources, with memory, threads and a log of the caller's.
           {15, 15, 0, 0, 2, 1, 16, 2, 3, 0, 5, 6, 6, 14, 4, 0},
-          {15, 13, 7, 0, 9, 0, 8, 0x82, 10, 0, 2, 7, 11, 1, 12, 6, 11, 2, 13, 0},
-          {15, 0x2B, 20, 3, 7, 2, 8, 0xC3, 10, 0, 2, 7, 11, 1, 12, 6, 11, 2, 3, 0x81, 13, 0},
+          {15, 13, 7, 0, 9, 0, 8, 0x82, 10, 0, 2, 7, 11, 1, 12, 6, 21, 2, 13, 0},
+          {15, 0x2B, 20, 3, 7, 2, 8, 0xC3, 10, 0, 2, 7, 21, 1, 12, 6, 11, 2, 3, 0x81, 13, 0},
           // A recording that grows, is changed, becomes shorter, and is closed.
-          {7, 0,  9,  0,  8, 0x88, 10, 0,  11, 0,  18, 3,  11, 1,  3, 0x80, 9, 5,  11,
-           2, 17, 99, 18, 4, 11,   3,  18, 1,  11, 4,  17, 0,  18, 5, 11,   5, 13, 0},
-          {7, 4, 8, 0xC8, 10, 0, 11, 0, 18, 0xD0, 2, 1, 12, 6, 11, 1, 13, 0}};
+          {7,  0,  9,  0, 8,  0x88, 10, 0, 21, 0, 18, 3, 21, 1, 3,  0x80, 9,  5, 21, 2,
+           17, 99, 18, 4, 21, 3,    18, 1, 21, 4, 17, 0, 18, 5, 21, 5,    21, 0, 13, 0},
+          {7, 0, 9, 0, 8, 0xC8, 10, 0, 21, 0, 18, 5, 21, 0, 21, 0, 21, 0, 9, 1, 13, 0},
+          {7, 4, 8, 0xC8, 10, 0, 21, 0, 18, 0xD0, 2, 1, 12, 6, 21, 1, 13, 0}};
 }
 
 struct Recording {
@@ -95,8 +99,10 @@ struct Calls {
   Bytes file, of_player;            // what the scene and the player borrow
   Files scene_files, player_files;  // theirs: the last is open, those before could not be opened
   LentMemory memory;
+  const stgs_allocator hook = memory.hook();
   std::uint8_t lent = 0, odd = 0, habits = 0;  // what lend(), and calls 19 and 20, said last
   double now = 0;
+  int events = 0;  // that the last update() brought
 
   ~Calls() {
     stgs_scene_destroy(scene);
@@ -159,11 +165,7 @@ struct Calls {
     memory.fail_each(3u * (argument >> 4));
     return STGS_OK;
   }
-  const stgs_allocator* allocator() {
-    static thread_local stgs_allocator hook;
-    hook = memory.hook();
-    return (lent & 1) != 0 ? &hook : nullptr;
-  }
+  const stgs_allocator* allocator() const { return (lent & 1) != 0 ? &hook : nullptr; }
   const stgs_task_runner* runner() const {
     static const stgs_task_runner runners[] = {lent_threads(Runner::kOnce),
                                                lent_threads(Runner::kAllInTurn),
@@ -370,10 +372,22 @@ struct Calls {
     }
     stgs_player_event event{};
     event.struct_size = sizeof event;
+    events = 0;
     while (stgs_player_next_event(player, &event) == STGS_OK && event.kind != STGS_EVENT_NONE) {
       require((event.result == STGS_OK) == (event.message[0] == '\0'), "an event has its words");
+      ++events;
     }
     look(argument);
+    return result;
+  }
+  // Time for a player's threads: until something has happened, or for 20 ms.
+  stgs_result wait() {
+    stgs_result result = STGS_OK;
+    for (int k = 0; k < 20 && !player_files.empty() && !player_files.back()->is_waited_for(); ++k) {
+      result = update(0);
+      if (events > 0) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
     return result;
   }
   // What else there is to be known of a player.
@@ -424,7 +438,7 @@ struct Calls {
   }
 
   stgs_result call(std::uint8_t what, std::uint8_t argument, std::uint8_t next) {
-    switch (what % 21) {
+    switch (what % 22) {
       case 0:
         return make(argument);
       case 1:
@@ -470,6 +484,8 @@ struct Calls {
       case 20:
         habits = argument;
         return STGS_OK;
+      case 21:
+        return wait();
       default:
         return draw(scene, argument, next);
     }

@@ -312,7 +312,7 @@ class Calls {
           if (s.max_seconds >= 1) s.max_seconds = -s.max_seconds;  // takes as long
           break;
         case 5:
-          s.seed = choices_.next() * 0x0101010101010101;
+          s.seed = choices_.next() * std::uint64_t{0x0101010101010101};
           break;
         case 6:
           s.first_frame = choices_.small();
