@@ -151,6 +151,7 @@ class Show {
       moved_ = dragged || flown;
       if (overlay_) draw_overlay(playback_, facts(now));
     } else {
+      (void)window_->take_drags();  // of nothing
       draw_opening(file());
     }
     ImGui::Render();
@@ -314,20 +315,17 @@ class Show {
   // By the mouse; whether one of its buttons holds the scene.
   bool drag() {
     const ImGuiIO& io = ImGui::GetIO();
+    const auto [left, right, middle] = window_->take_drags();
     if (io.WantCaptureMouse) return false;
     const double radians = kWholeTurn / std::max(io.DisplaySize.y, 1.0f);
-    const double x = io.MouseDelta.x, y = io.MouseDelta.y;
-    const bool left = io.MouseDown[ImGuiMouseButton_Left],
-               right = io.MouseDown[ImGuiMouseButton_Right],
-               middle = io.MouseDown[ImGuiMouseButton_Middle];
-    if (left) camera_->orbit(-radians * x, radians * y);
-    if (right) camera_->look(radians * x, -radians * y);
-    if (middle) {
+    if (left.held) camera_->orbit(-radians * left.x, radians * left.y);
+    if (right.held) camera_->look(radians * right.x, -radians * right.y);
+    if (middle.held) {
       const double units = camera_->distance() / std::max(io.DisplaySize.y, 1.0f);
-      camera_->move(-units * x, units * y, 0);
+      camera_->move(-units * middle.x, units * middle.y, 0);
     }
     if (io.MouseWheel != 0) camera_->approach(std::pow(kWheelStep, io.MouseWheel));
-    return left || right || middle;
+    return left.held || right.held || middle.held;
   }
 
   // By the keys that are held down, if any are.

@@ -50,6 +50,7 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
     static_cast<Window*>(glfwGetWindowUserPointer(window))
         ->keys_.push_back({key, (mods & GLFW_MOD_SHIFT) != 0});
   });
+  made->listen_to_mouse();
   IMGUI_CHECKVERSION();
   ImGui::CreateContext();
   ImGui::StyleColorsDark();
@@ -62,7 +63,7 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
   font.SizePixels = 13.0f * std::max(scale, 1.0f);
   io.Fonts->AddFontDefault(&font);
   ImGui::GetStyle().ScaleAllSizes(std::max(scale, 1.0f));
-  ImGui_ImplGlfw_InitForVulkan(made->window_, true);  // keeps the callback from above
+  ImGui_ImplGlfw_InitForVulkan(made->window_, true);  // keeps the callbacks from above
   made->has_overlay_ = true;
   return made;
 }
@@ -74,6 +75,34 @@ Window::~Window() {
   }
   if (window_ != nullptr) glfwDestroyWindow(window_);
   if (has_glfw_) glfwTerminate();
+}
+
+void Window::listen_to_mouse() {
+  glfwSetMouseButtonCallback(window_, [](GLFWwindow* window, int button, int action, int) {
+    static_cast<Window*>(glfwGetWindowUserPointer(window))
+        ->on_button(button, action != GLFW_RELEASE);
+  });
+  glfwSetCursorPosCallback(window_, [](GLFWwindow* window, double x, double y) {
+    static_cast<Window*>(glfwGetWindowUserPointer(window))->on_motion(x, y);
+  });
+}
+
+void Window::on_button(int button, bool down) {
+  const auto i = static_cast<std::size_t>(button);
+  if (i >= drags_.size()) return;
+  down_[i] = down;
+  drags_[i].held = drags_[i].held || down;
+}
+
+void Window::on_motion(double x, double y) {
+  for (std::size_t i = 0; i < drags_.size() && has_mouse_; ++i) {
+    if (!down_[i]) continue;
+    drags_[i].x += x - mouse_x_;
+    drags_[i].y += y - mouse_y_;
+  }
+  mouse_x_ = x;
+  mouse_y_ = y;
+  has_mouse_ = true;
 }
 
 void Window::look(double seconds) {
@@ -100,6 +129,12 @@ Size Window::picture_size() const {
 
 std::vector<KeyPress> Window::take_keys() {
   return std::exchange(keys_, {});
+}
+
+std::array<Drag, 3> Window::take_drags() {
+  std::array<Drag, 3> taken = drags_;
+  for (std::size_t i = 0; i < drags_.size(); ++i) drags_[i] = {0, 0, down_[i]};
+  return taken;
 }
 
 bool Window::is_down(int key) const {

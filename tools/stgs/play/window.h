@@ -2,6 +2,7 @@
 // A window with what its viewer does in it, and an ImGui context for what is drawn over the scene.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,6 +16,12 @@ namespace stgs::tools {
 struct KeyPress {
   int key = 0;  // GLFW_KEY_...
   bool shift = false;
+};
+
+// What the mouse did while a button was down.
+struct Drag {
+  double x = 0, y = 0;  // to the right and down, screen coordinates
+  bool held = false;    // it is down, or was
 };
 
 // The main thread's. One at a time.
@@ -35,13 +42,23 @@ class Window {
   // Keys that went down since the last call, and arrows that are held and repeat.
   std::vector<KeyPress> take_keys();
   bool is_down(int key) const;
+  // Since the last call, in the order in which it happened: of the left, right and middle button
+  // (GLFW_MOUSE_BUTTON_...), however much of it fell between two pictures.
+  std::array<Drag, 3> take_drags();
 
  private:
   Window() = default;
+  void listen_to_mouse();
+  void on_button(int button, bool down);
+  void on_motion(double x, double y);
 
   GLFWwindow* window_ = nullptr;
   bool has_glfw_ = false, has_overlay_ = false;
   std::vector<KeyPress> keys_;
+  std::array<Drag, 3> drags_;
+  std::array<bool, 3> down_ = {};
+  double mouse_x_ = 0, mouse_y_ = 0;
+  bool has_mouse_ = false;  // it has been seen
 };
 
 }  // namespace stgs::tools
