@@ -226,6 +226,16 @@ TEST_CASE("what cannot be replaced stays") {
   CHECK(std::distance(fs::directory_iterator(folder.path), fs::directory_iterator()) == 1);
 }
 
+TEST_CASE("preparing that fails leaves no folder behind, also none above its own") {
+  const TemporaryFolder folder;
+  fs::create_directory(folder / "empty");
+  fs::create_directory(folder / "there");
+  CHECK_FALSE(prepare(folder / "empty", folder / "new/newer/out", {}, {}, {}).ok());
+  CHECK_FALSE(prepare(folder / "empty", folder / "there/out", {}, {}, {}).ok());
+  CHECK_FALSE(fs::exists(folder / "new"));
+  CHECK(fs::is_empty(folder / "there"));
+}
+
 // A capture that is written and read.
 PreparedCapture sane_capture(const TemporaryFolder& folder) {
   PreparedCapture capture;

@@ -4,6 +4,8 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <utility>
+#include <vector>
 
 #include "capture_files.h"
 #include "init/init.h"
@@ -16,13 +18,30 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Removes the folder on the way out.
-struct Temporary {
-  std::string folder;
+// A folder, made with those above it that are missing. On the way out it goes with what is in it,
+// and of those above it goes what is still empty.
+class Temporary {
+ public:
+  explicit Temporary(std::string folder) : folder_(std::move(folder)) {
+    for (fs::path above = fs::absolute(folder_).parent_path(); !fs::exists(above);
+         above = above.parent_path()) {
+      made_.push_back(above);
+    }
+    fs::create_directories(folder_);
+  }
   ~Temporary() {
     std::error_code ignored;
-    fs::remove_all(folder, ignored);
+    fs::remove_all(folder_, ignored);
+    for (const fs::path& above : made_) fs::remove(above, ignored);
   }
+  Temporary(const Temporary&) = delete;
+  Temporary& operator=(const Temporary&) = delete;
+
+  const std::string& folder() const { return folder_; }
+
+ private:
+  std::string folder_;
+  std::vector<fs::path> made_;  // the innermost first
 };
 
 Status check(const PrepareSettings& settings) {
@@ -93,10 +112,9 @@ Status prepare(const std::string& capture, const std::string& folder,
     for (const std::string& stale : remove_stale(target, before, "", fs::file_type::directory)) {
       log_or_none(2, fmt::format("{}: removed, a killed prepare had left it", stale));
     }
-    const Temporary partial{fmt::format("{}.partial-{}", target, ::getpid())};
-    fs::create_directories(partial.folder);
-    STGS_TRY(prepare_into(capture, partial.folder, settings, progress, log_or_none));
-    return replace_folder(partial.folder, target);
+    const Temporary partial(fmt::format("{}.partial-{}", target, ::getpid()));
+    STGS_TRY(prepare_into(capture, partial.folder(), settings, progress, log_or_none));
+    return replace_folder(partial.folder(), target);
   } catch (const fs::filesystem_error& error) {
     return io_error("{}", error.what());
   } catch (const std::exception& error) {
