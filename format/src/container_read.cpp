@@ -317,7 +317,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   const Issue why = (read ? damage : found).take().front();
   findings.damage(N::kMendedHead, why.offset,
                   "the head is damaged and was read from its copy at byte {}; copy or fetch the "
-                  "file again ({}, issue {})",
+                  "file again, or mend it with 'stgs finalize' ({}, issue {})",
                   (*copy)->offset, why.message, why.number);
   bytes = head.repaired = std::move((*copy)->head);
   return parse_header(bytes, source.size(), head.header, findings);

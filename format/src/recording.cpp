@@ -174,7 +174,7 @@ Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses) {
   FileHead head;
   read_head(source, {}, head, findings);
   if (!findings.ok()) return findings.status(source.name());
-  if (!head.growing()) {
+  if (!head.growing() && head.repaired.empty()) {
     return usage_error("{}: has its index in the head already", source.name());
   }
   losses = {};

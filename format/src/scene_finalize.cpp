@@ -38,6 +38,25 @@ std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
   return out;
 }
 
+Status copy(const ByteSource& source, const RecordArea& area, OutputFile& file) {
+  std::vector<std::uint8_t> bytes;
+  for (std::uint64_t at = area.begin; at < area.end; at += bytes.size()) {
+    bytes.resize(std::min(kPiece, area.end - at));
+    STGS_TRY(source.read(at, bytes));
+    STGS_TRY(file.write(bytes));
+  }
+  return {};
+}
+
+// A finished file with the copy of its damaged head in its place.
+Status mend(const ByteSource& source, const FileHead& head, const std::string& output) {
+  OutputFile file;
+  STGS_TRY(file.open(output));
+  STGS_TRY(file.write(head.repaired));
+  STGS_TRY(copy(source, {head.header.head_bytes, head.header.file_bytes}, file));
+  return file.commit();
+}
+
 // Copies the records of a recording to a file.
 class Finalizer {
  public:
@@ -151,7 +170,7 @@ class Finalizer {
     auto other = others_.begin();
     for (const IndexedRecord& record : records_) {
       for (; other != others_.end() && other->begin < record.entry.offset; ++other) {
-        STGS_TRY(copy(*other, bytes, file));
+        STGS_TRY(copy(source_, *other, file));
       }
       Findings findings;
       if (!copy_record(source_, record.entry, bytes, findings)) {
@@ -161,7 +180,7 @@ class Finalizer {
       }
       STGS_TRY(file.write(bytes));
     }
-    for (; other != others_.end(); ++other) STGS_TRY(copy(*other, bytes, file));
+    for (; other != others_.end(); ++other) STGS_TRY(copy(source_, *other, file));
     return {};
   }
 
@@ -191,15 +210,6 @@ class Finalizer {
     count_lost(losses_, {shown.begin, shown.end}, bytes, status);
   }
 
-  Status copy(const RecordArea& area, std::vector<std::uint8_t>& bytes, OutputFile& file) const {
-    for (std::uint64_t at = area.begin; at < area.end; at += bytes.size()) {
-      bytes.resize(std::min(kPiece, area.end - at));
-      STGS_TRY(source_.read(at, bytes));
-      STGS_TRY(file.write(bytes));
-    }
-    return {};
-  }
-
   const ByteSource& source_;
   FileHead& head_;
   SceneLosses& losses_;
@@ -216,6 +226,7 @@ Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& 
                       SceneLosses& losses) {
   try {
     STGS_ASSIGN(FileHead head, read_recording(*recording, losses));
+    if (!head.growing()) return mend(*recording, head, output);
     return Finalizer(*recording, head, losses).write(output);
   } catch (const std::exception& e) {
     return runtime_error("{}: {}", recording->name(), e.what());

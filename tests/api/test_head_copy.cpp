@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The copy of a head: which one is taken for a damaged head, and what is said of it.
 #include <catch2/catch.hpp>
+#include <fstream>
 
 #include "copy_fixture.h"
 #include "damage_fixture.h"
+#include "stgs/format/scene_recorder.h"
+#include "temporary_folder.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -58,6 +61,22 @@ TEST_CASE("a damaged head is read from its copy, which is told") {
   const auto read = read_scene(memory_source(bytes));
   REQUIRE(read.ok());
   CHECK(fingerprints(read->gaussians) == fingerprints(sound->gaussians));
+}
+
+TEST_CASE("a damaged head is mended by finalize, to the byte") {
+  const TemporaryFolder folder;
+  const Bytes sound = copied_file();
+  SceneLosses losses;
+  CHECK(finalize_scene(memory_source(sound), folder / "x.stgs", losses).code() ==
+        StatusCode::kUsage);
+  for (const std::size_t at : {std::size_t{4}, std::size_t{30}, index_at(sound) + kRecord}) {
+    Bytes bytes = sound;
+    bytes[at] ^= 8;
+    REQUIRE(finalize_scene(memory_source(bytes), folder / "mended.stgs", losses).ok());
+    CHECK(numbers_of(losses.damage) == std::set<int>{118});
+    std::ifstream file(folder / "mended.stgs", std::ios::binary);
+    CHECK(Bytes(std::istreambuf_iterator<char>(file), {}) == sound);
+  }
 }
 
 TEST_CASE("a head and its copy that are both damaged are refused") {

@@ -200,8 +200,10 @@ Status write_all(const std::string& folder) {
   }));
   STGS_TRY(write_changed_head(bytes, folder + "/wrong_sum.stgs",
                               [](FileHead& head) { head.index.primitives += 1; }));
-  STGS_TRY(write_changed_head(bytes, folder + "/newer_major.stgs",
-                              [](FileHead& head) { head.header.major = kFormatMajor + 1; }));
+  STGS_TRY(write_changed_head(bytes, folder + "/newer_major.stgs", [](FileHead& head) {
+    head.header.major = kFormatMajor + 1;
+    head.header.minor = 0;
+  }));
   STGS_TRY(write_changed_head(bytes, folder + "/experiment.stgs", [](FileHead& head) {
     head.header.major = 0;
     head.header.minor = 6;

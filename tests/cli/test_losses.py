@@ -35,6 +35,23 @@ class Told(CliTest):
                 "pack": self.warnings("pack", scene, "-o", "p.stgs")}
 
 
+class DamagedHeads(Told):
+    def test_a_head_is_read_from_its_copy(self):
+        """Nothing is lost, all verbs tell, and finalize gives the file its bytes back."""
+        with open(self.fixture("tiny.stgs"), "rb") as file:
+            sound = file.read()
+        self.succeeds("convert", self.fixture("tiny.stgs"), "sound.ply", "--time", "0.05")
+        for at in (2, 28, 80):
+            self.write("damaged.stgs", flipped(sound, at))
+            for verb, lines in self.all_ways("damaged.stgs").items():
+                self.assertEqual(len(lines), 1, (verb, lines))
+                self.assertIn("the head is damaged and was read from its copy", lines[0], verb)
+            self.assertEqual(self.read("f.stgs"), sound)
+            self.succeeds("convert", "damaged.stgs", "mended.ply", "--time", "0.05")
+            self.assertEqual(self.read("mended.ply"), self.read("sound.ply"))
+            self.assertIn(b"error 118", self.stgs("validate", "damaged.stgs").stdout)
+
+
 class DamagedRecordings(Told):
     def test_a_lost_stretch(self):
         """A damaged fragment of the index takes the stretch that it alone lists."""

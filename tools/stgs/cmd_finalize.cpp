@@ -17,7 +17,8 @@ class Finalize final : public Command {
             "Copies a file that was recorded live, also one that was cut off, to a file that a\n"
             "player opens with one read. Every record keeps its bytes, also one that is damaged,\n"
             "which readers pass over. What is damaged is told on standard error, and what is left\n"
-            "out: what follows the last complete fragment, or only a damaged one lists.",
+            "out: what follows the last complete fragment, or only a damaged one lists.\n"
+            "A finished file whose head is damaged gets it back from its copy.",
             "  stgs finalize live.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.log_level = true}; }
@@ -37,7 +38,7 @@ class Finalize final : public Command {
     STGS_TRY(finalize_scene(std::move(source), output_, losses));
     STGS_ASSIGN(const auto finished, SceneReader::open(output_));
     tell_losses(session, input_, losses, finished->metadata().time_base);
-    const bool closed = recording->form() == SceneForm::kRecorded;
+    const bool closed = recording->form() != SceneForm::kGrowing;
     const Json json = {{"input", input_},
                        {"output", output_},
                        {"closed", closed},

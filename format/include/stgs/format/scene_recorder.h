@@ -63,8 +63,9 @@ class SceneRecorder {
 // but those of the index with the same bytes, also what this version does not know, and what is
 // damaged: so the file goes on telling it, and readers show the rest. Left out is what no sound
 // fragment lists, and the last stretch of a recording that was not closed where all its records are
-// damaged, as a power cut leaves them. `losses` receives what is damaged or left out. `output`
-// appears whole or not at all. Errors: kUsage where the file is finished already, kInvalidFile
+// damaged, as a power cut leaves them. A finished file whose head is damaged and has a copy (spec
+// 3.6) is mended: it gets the bytes that it had. `losses` receives what is damaged or left out. `output`
+// appears whole or not at all. Errors: kUsage where the file is finished and sound, kInvalidFile
 // where it has primitives and none can be read.
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
                       SceneLosses& losses);
