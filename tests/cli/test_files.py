@@ -175,7 +175,8 @@ class DamagedScenes(CliTest):
 
     def test_damage_in_a_segment_is_found_where_it_is(self):
         """The head is whole, so info works; render passes over it, evaluate does not."""
-        path = self.write("body.stgs", flipped(self.good, len(self.good) - 40))
+        last = max(s["offset"] + s["bytes"] for s in self.json_of("info", self.fixture("tiny.stgs"))["segments"])
+        path = self.write("body.stgs", flipped(self.good, last - 40))
         self.succeeds("info", path)
         run = self.succeeds("render", path, "--frames", "0:6", "-o", "null")
         self.assertRegex(run.stderr.decode(), r"could not be drawn.*body.stgs: .*checksum")
