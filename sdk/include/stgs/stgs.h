@@ -154,7 +154,9 @@ STGS_API void stgs_scene_destroy(stgs_scene* scene);
 
 /* Opens a scene's file: reads and checks its header, metadata and index. A scene is opened once
  * (STGS_ERROR_STATE); after another error it may be tried again. */
-/* A path, or a URL of http or https where the build has libcurl (STGS_ERROR_NOT_BUILT). */
+/* A path, or a URL of http or https where the build has libcurl (STGS_ERROR_NOT_BUILT). Waits for a
+ * server that is silent for up to a minute, in five tries; stgs_player_open does not wait, and a
+ * player ends at any moment. */
 STGS_API stgs_result stgs_scene_open(stgs_scene* scene, const char* place);
 /* Borrowed: the bytes must stay, unchanged, until the scene is destroyed; after an error they are
  * not needed any more. */
