@@ -16,7 +16,7 @@ namespace {
 constexpr double kRoom = 1.125;         // of the bounds: primitives are larger than their centres
 constexpr double kThinnest = 1 / 16.0;  // of the box's longest side
 constexpr double kFarthest = 0x1p60;    // whose square is a float, as drawing needs it
-constexpr double kFinest = 0x1p-16;     // of a position: 128 steps of a float there
+constexpr double kFinest = 0x1p-22;     // of a position: 2 to 4 steps of a float there
 
 // Half a scene unit where it is not known how many metres that is.
 double half_metre(const SceneMetadata& metadata) {

@@ -144,6 +144,18 @@ TEST_CASE("flat bounds, a line and a point are seen", "[sdk]") {
   }
 }
 
+TEST_CASE("a scene far from the world's origin is seen from as near as at it", "[sdk]") {
+  Scene made = scaled_scene(100, 1);
+  const auto near = file_of(made);
+  const stgs_view expected = framed(open_scene(near), default_view());
+  for (std::size_t i = 0; i < made.gaussians.position.size(); i += 3) {
+    made.gaussians.position[i] += 1e6f;
+  }
+  const auto far = file_of(made);
+  const stgs_view view = framed(open_scene(far), default_view());
+  CHECK(view.translation[2] == Approx(expected.translation[2]).epsilon(0.2));
+}
+
 TEST_CASE("a scene of no primitives is a metre at the world's origin", "[sdk]") {
   Scene made = scaled_scene(0, 1);
   for (const float metres_per_unit : {0.0f, 0.01f}) {
