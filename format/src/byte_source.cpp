@@ -18,6 +18,14 @@ Status past_the_end(const std::string& name, std::uint64_t offset, std::uint64_t
                       name, offset, offset + bytes, size);
 }
 
+// Closes what nobody has taken.
+struct Descriptor {
+  int fd;
+  ~Descriptor() {
+    if (fd >= 0) ::close(fd);
+  }
+};
+
 class FileSource final : public ByteSource {
  public:
   FileSource(int fd, const struct stat& info, std::string name)
@@ -97,12 +105,18 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   // O_NONBLOCK: a pipe would be waited for until somebody writes to it. Files do not know of it.
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) return io_error("{}: cannot open: {}", path, system_message(errno));
+  return descriptor_source(fd, path);
+}
+
+Result<std::unique_ptr<ByteSource>> descriptor_source(int fd, const std::string& path) {
+  Descriptor ours{fd};
   struct stat info {};
   if (::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
-    ::close(fd);
     return io_error("{}: not a regular file", path);
   }
-  return std::unique_ptr<ByteSource>(std::make_unique<FileSource>(fd, info, path));
+  auto source = std::make_unique<FileSource>(fd, info, path);
+  ours.fd = -1;
+  return std::unique_ptr<ByteSource>(std::move(source));
 }
 
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes, std::string name) {

@@ -19,6 +19,9 @@ constexpr double kReach = 4.0, kLeastReach = 4096.0;
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
+// Of a part of up to 2^32 ticks, at least the half that is to be seen around T; below 2^32, where a
+// radius has more bits than 24.
+constexpr float kRadiusMax = 0x1.fp31f;
 constexpr int kMostHalvings = 12;  // of steps of T
 // Of units in the last place: those up to the greatest radius have 24 bits then (spec 7.5).
 constexpr int kLeastLifespan = 4;
@@ -114,7 +117,7 @@ std::optional<Lifespan> soft_edged(const Lifespan& was, Lifespan life, double le
   double wanted = was.radius;
   if (begin <= 0.0 && end < length) wanted = end - life.time;  // makes up for T's rounding
   if (begin > 0.0 && end >= length) wanted = life.time - begin;
-  wanted = std::clamp(wanted, 0.0, double{kSigmaMax});
+  wanted = std::clamp(wanted, 0.0, double{kRadiusMax});
   life.radius = on_lifespan_grid(static_cast<float>(wanted) + 1.0f, lifespan) - 1.0f;
   const double seen = life.radius + life.fade();
   if (life.time - seen >= length || life.time + seen <= 0.0) return std::nullopt;
@@ -255,7 +258,7 @@ Lifespan LifespanGrids::rounded(const Lifespan& was, Lifespan life,
   }
   life.time = on_grid(static_cast<float>(was.time), finer_time(time_, finest_time_));
   const Step finest = finer_lifespan(lifespan_, lifespan_.exponent);
-  life.radius = on_lifespan_grid(std::min(was.radius, kSigmaMax) + 1.0f, finest) - 1.0f;
+  life.radius = on_lifespan_grid(std::min(was.radius, kRadiusMax) + 1.0f, finest) - 1.0f;
   return life;
 }
 

@@ -31,14 +31,35 @@ bool is_stale(const std::string& name, const std::string& before, const std::str
   return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
 }
 
-Status write_all(int fd, std::span<const std::uint8_t> bytes, const std::string& path) {
+// 0, or the errno.
+int write_all(int fd, std::span<const std::uint8_t> bytes) {
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t wrote = ::write(fd, bytes.data() + done, bytes.size() - done);
     if (wrote < 0 && errno == EINTR) continue;
-    if (wrote < 0) return io_error("{}: cannot write: {}", path, system_message(errno));
+    if (wrote < 0) return errno;
     done += static_cast<std::size_t>(wrote);
   }
+  return 0;
+}
+
+// Whether the descriptor's file still has this name.
+bool is_named(int fd, const std::string& path) {
+  struct stat open {
+  }, named{};
+  return ::fstat(fd, &open) == 0 && ::stat(path.c_str(), &named) == 0 &&
+         open.st_dev == named.st_dev && open.st_ino == named.st_ino;
+}
+
+// Brings the names in the folder of `path` to the disk.
+Status sync_folder(const std::string& path) {
+  const fs::path parent = fs::path(path).parent_path();
+  const int fd = ::open(parent.empty() ? "." : parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  // What cannot be synced, or only passed through, says so.
+  const bool synced = fd < 0 ? errno == EACCES : ::fsync(fd) == 0 || errno == EINVAL;
+  const int error = errno;
+  if (fd >= 0) ::close(fd);
+  if (!synced) return io_error("{}: cannot write its folder: {}", path, system_message(error));
   return {};
 }
 
@@ -105,7 +126,9 @@ void OutputFile::borrow(int descriptor, const std::string& name) {
 }
 
 Status OutputFile::write(std::span<const std::uint8_t> bytes) {
-  return write_all(fd_, bytes, path_);
+  const int error = write_all(fd_, bytes);
+  if (error != 0) return io_error("{}: cannot write: {}", path_, system_message(error));
+  return {};
 }
 
 Status OutputFile::close() {
@@ -137,40 +160,69 @@ Status write_file_atomically(const std::string& path, std::span<const std::uint8
 }
 
 AppendedFile::~AppendedFile() {
-  if (fd_ >= 0) ::close(fd_);
+  release();
 }
 
-Status AppendedFile::create(const std::string& path) {
+void AppendedFile::release() {
+  if (fd_ < 0) return;
+  // While it is locked, so that nobody goes on with it.
+  if (unfinished_ && is_named(fd_, path_)) ::unlink(path_.c_str());
+  unfinished_ = false;
+  ::close(std::exchange(fd_, -1));
+}
+
+Status AppendedFile::lock() {
+  if (::flock(fd_, LOCK_EX | LOCK_NB) == 0) return {};
+  if (errno == EWOULDBLOCK) return usage_error("{}: another recorder is appending to it", path_);
+  return io_error("{}: cannot lock: {}", path_, system_message(errno));
+}
+
+Status AppendedFile::create(const std::string& path, std::span<const std::uint8_t> bytes,
+                            bool sync) {
   path_ = path;
-  fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
   if (fd_ < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
-  (void)::flock(fd_, LOCK_EX | LOCK_NB);  // nobody else can have it
+  unfinished_ = true;
+  Status status = lock();
+  if (status.ok()) status = append(bytes, sync);
+  if (status.ok() && sync) status = sync_folder(path);
+  if (!status.ok()) release();
+  unfinished_ = false;
+  return status;
+}
+
+Status AppendedFile::open(const std::string& path) {
+  path_ = path;
+  // O_NONBLOCK: of a pipe, which source() refuses.
+  fd_ = ::open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+  if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, system_message(errno));
+  STGS_TRY(lock());
+  if (!is_named(fd_, path)) return io_error("{}: was replaced while it was opened", path);
   return {};
 }
 
-Status AppendedFile::extend(const std::string& path, std::uint64_t bytes) {
-  path_ = path;
-  fd_ = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
-  if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, system_message(errno));
-  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-    return usage_error("{}: another recorder is appending to it", path);
-  }
+Result<std::unique_ptr<ByteSource>> AppendedFile::source() const {
+  const int copy = ::fcntl(fd_, F_DUPFD_CLOEXEC, 0);
+  if (copy < 0) return io_error("{}: cannot open: {}", path_, system_message(errno));
+  return descriptor_source(copy, path_);
+}
+
+Status AppendedFile::cut(std::uint64_t bytes) {
   if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) {
-    return io_error("{}: cannot cut to {} bytes: {}", path, bytes, system_message(errno));
+    return io_error("{}: cannot cut to {} bytes: {}", path_, bytes, system_message(errno));
   }
   bytes_ = bytes;
   return {};
 }
 
 Status AppendedFile::append(std::span<const std::uint8_t> bytes, bool sync) {
-  Status status = write_all(fd_, bytes, path_);
-  if (status.ok() && sync && ::fdatasync(fd_) != 0) {
-    status = io_error("{}: cannot write: {}", path_, system_message(errno));
-  }
-  if (!status.ok()) {
+  int error = write_all(fd_, bytes);
+  if (error == 0 && sync && ::fdatasync(fd_) != 0) error = errno;
+  if (error != 0) {
     // A reader passes over what cannot be cut off.
     [[maybe_unused]] const int cut = ::ftruncate(fd_, static_cast<off_t>(bytes_));
-    return status;
+    release();
+    return io_error("{}: cannot write: {}", path_, system_message(error));
   }
   bytes_ += bytes.size();
   return {};

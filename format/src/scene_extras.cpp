@@ -162,7 +162,7 @@ Result<std::vector<std::string>> scene_extras(const std::string& path, const Rea
     if (!findings.ok()) return findings.status(path);
     return Extras(*source, head).find();
   } catch (const std::exception& e) {
-    return runtime_error("{}: {}", path, e.what());
+    return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
 }
 

@@ -229,7 +229,7 @@ Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& 
     if (!head.growing()) return mend(*recording, head, output);
     return Finalizer(*recording, head, losses).write(output);
   } catch (const std::exception& e) {
-    return runtime_error("{}: {}", recording->name(), e.what());
+    return Status(code_of(e), fmt::format("{}: {}", recording->name(), e.what()));
   }
 }
 

@@ -106,7 +106,7 @@ class Reader final : public SceneReader {
       list_segments();
       return grown;
     } catch (const std::exception& e) {
-      return runtime_error("{}: {}", source_->name(), e.what());
+      return Status(code_of(e), fmt::format("{}: {}", source_->name(), e.what()));
     }
   }
 

@@ -146,7 +146,7 @@ Result<Scene> read_sound_scene(std::unique_ptr<ByteSource> source, SceneLosses& 
     if (scene.parts == std::vector<ScenePart>{whole}) scene.parts.clear();
     return scene;
   } catch (const std::exception& e) {
-    return runtime_error("{}: {}", path, e.what());
+    return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
 }
 

@@ -35,74 +35,117 @@ std::vector<std::uint8_t> index_of(std::span<const Stretch> stretches, double ch
   return write_index(index, parts);
 }
 
+// What the file says of all stretches together.
+struct Recorded {
+  std::uint32_t frames = 0;
+  double chunk_ticks = 0;  // 0: open
+  std::uint64_t primitives = 0;
+  float bounds_min[3] = {}, bounds_max[3] = {};
+
+  void add(const EncodedScene& stretch, std::uint32_t end_frame) {
+    const SceneMetadata& scene = stretch.metadata.scene;
+    const std::uint64_t added = stretch.body.index.primitives;
+    for (std::size_t axis = 0; axis < 3 && added > 0; ++axis) {
+      float &low = bounds_min[axis], &high = bounds_max[axis];
+      low = primitives > 0 ? std::min(low, scene.bounds_min[axis]) : scene.bounds_min[axis];
+      high = primitives > 0 ? std::max(high, scene.bounds_max[axis]) : scene.bounds_max[axis];
+    }
+    primitives += added;
+    frames = end_frame;
+    chunk_ticks = stretch.body.index.chunk_ticks;
+  }
+};
+
 class Recorder final : public SceneRecorder {
  public:
-  Recorder(const FileMetadata& metadata, const RecordSettings& settings)
-      : metadata_(metadata), settings_(settings) {
+  explicit Recorder(const RecordSettings& settings) : settings_(settings) {
     settings_.write.own_layouts = true;
   }
 
-  Status create(const std::string& path) {
+  Status create(const std::string& path, const FileMetadata& metadata) {
+    metadata_ = metadata;
+    recorded_.chunk_ticks = chunk_of_settings();
     FileHeader header;
     header.flags = kGrowing;
     auto [head, copy] = write_copied_head(header, write_head_records(metadata_, {}), 0);
     head_checksum_ = checksum(head);
     head_copy_bytes_ = copy.size();
     head.insert(head.end(), copy.begin(), copy.end());
-    STGS_TRY(file_.create(path));
-    return append_bytes(head);
+    STGS_TRY(file_.create(path, head, settings_.sync));
+    open_ = true;
+    return {};
   }
 
-  // Goes on with a file whose complete fragments are `head`; what follows them is cut off.
-  Status resume(const std::string& path, const FileHead& head) {
+  // What is behind the last complete stretch is cut off.
+  Status resume(const std::string& path) {
+    STGS_TRY(file_.open(path));
+    STGS_ASSIGN(const std::unique_ptr<ByteSource> source, file_.source());
+    STGS_ASSIGN(const FileHead head, read_resumable(*source));
+    if (head.metadata.profile != settings_.write.profile) {
+      return usage_error("{}: was recorded with profile {}, not {}", path,
+                         profile_name(head.metadata.profile),
+                         profile_name(settings_.write.profile));
+    }
+    STGS_TRY(check_profile(settings_.write.profile));
+    metadata_ = head.metadata;
+    recorded_.chunk_ticks = chunk_of_settings();
     head_checksum_ = head.head_checksum;
     head_copy_bytes_ = head.header.file_bytes - head.header.head_bytes;  // of no fragments
     if (!head.fragments.empty()) {
-      frames_ = head.metadata.scene.frames;
-      chunk_ticks_ = head.index.chunk_ticks;
-      has_bounds_ = head.index.primitives > 0;
+      const SceneMetadata& scene = metadata_.scene;
+      recorded_ = {scene.frames, head.index.chunk_ticks, head.index.primitives};
+      std::copy_n(scene.bounds_min, 3, recorded_.bounds_min);
+      std::copy_n(scene.bounds_max, 3, recorded_.bounds_max);
       stretches_ = stretches_of(head);
     }
-    return file_.extend(path, head.header.file_bytes);
+    STGS_TRY(file_.cut(head.header.file_bytes));
+    open_ = true;
+    return {};
   }
 
   Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
                 std::span<const float> importance, std::uint32_t last_frame) override {
     STGS_TRY(check_open());
-    if (end_frame <= frames_) {
+    const std::uint32_t frames = recorded_.frames;
+    if (end_frame <= frames) {
       return usage_error("{}: a stretch that ends at frame {} is appended to {} frames",
-                         file_.path(), end_frame, frames_);
+                         file_.path(), end_frame, frames);
     }
     const std::uint32_t part_end = std::max(end_frame, last_frame);
-    if (chunk_ticks_ > 0 && 2.0 * (part_end - frames_) >= kMostSlots * chunk_ticks_) {
+    const double chunk_ticks = recorded_.chunk_ticks;
+    if (chunk_ticks > 0 && 2.0 * (part_end - frames) >= kMostSlots * chunk_ticks) {
       return usage_error("{}: {} frames are too many for chunks of {} ticks", file_.path(),
-                         part_end, chunk_ticks_);
+                         part_end, chunk_ticks);
     }
     if (stretch.sh_degree != metadata_.sh_degree) {
       return usage_error("{}: a stretch of degree {} is appended to harmonics of degree {}",
                          file_.path(), stretch.sh_degree, metadata_.sh_degree);
     }
+    const std::size_t before = stretches_.size();
     try {
-      return append_checked(stretch, end_frame, part_end, importance);
+      const Status status = append_checked(stretch, end_frame, part_end, importance);
+      if (!status.ok()) stretches_.resize(before);
+      return status;
     } catch (const std::exception& e) {
-      open_ = false;
-      return runtime_error("{}: cannot append {} primitives: {}", file_.path(), stretch.size(),
-                           e.what());
+      stretches_.resize(before);
+      return Status(code_of(e), fmt::format("{}: cannot append {} primitives: {}", file_.path(),
+                                            stretch.size(), e.what()));
     }
   }
 
   Status close() override {
     STGS_TRY(check_open());
-    open_ = false;
-    FragmentHeader header = fragment_header(file_.bytes());
-    header.flags = kFragmentClosed;
-    if (frames_ == 0) header.frames = 1;  // nothing was appended
-    if (!stretches_.empty()) header.before = stretches_.back().fragment;
-    STGS_TRY(append_bytes(write_fragment(header, index_of(stretches_, chunk_or_one()))));
-    return file_.close();
+    try {
+      return close_checked();
+    } catch (const std::exception& e) {
+      return Status(code_of(e), fmt::format("{}: cannot close: {}", file_.path(), e.what()));
+    }
   }
 
-  std::uint32_t frames() const override { return frames_; }
+  bool is_open() const override { return open_; }
+  std::uint32_t frames() const override { return recorded_.frames; }
+  std::uint64_t primitives() const override { return recorded_.primitives; }
+  std::uint64_t dropped() const override { return dropped_; }
   std::uint64_t bytes() const override { return file_.bytes(); }
   const SceneMetadata& metadata() const override { return metadata_.scene; }
   int sh_degree() const override { return metadata_.sh_degree; }
@@ -113,26 +156,46 @@ class Recorder final : public SceneRecorder {
     return usage_error("{}: is closed, or an error has ended the recording", file_.path());
   }
 
+  double chunk_of_settings() const {
+    return to_chunk(metadata_.scene.time_base.ticks(settings_.write.chunk_seconds));
+  }
+
+  Status close_checked() {
+    FragmentHeader header = fragment_header(recorded_, file_.bytes());
+    header.flags = kFragmentClosed;
+    if (recorded_.frames == 0) header.frames = 1;  // nothing was appended
+    if (!stretches_.empty()) header.before = stretches_.back().fragment;
+    const double chunk_ticks = recorded_.chunk_ticks > 0 ? recorded_.chunk_ticks : 1.0;
+    STGS_TRY(append_bytes(write_fragment(header, index_of(stretches_, chunk_ticks))));
+    open_ = false;
+    return file_.close();
+  }
+
   Status append_checked(const Gaussians4D& stretch, std::uint32_t end_frame, std::uint32_t part_end,
                         std::span<const float> importance) {
+    const std::uint32_t begin = recorded_.frames;
     Scene scene;
     scene.metadata = metadata_.scene;
     scene.metadata.frames = part_end;
     scene.gaussians = stretch;
     scene.importance.assign(importance.begin(), importance.end());
-    scene.parts = {{static_cast<double>(frames_), static_cast<double>(part_end), stretch.size()}};
+    scene.parts = {{static_cast<double>(begin), static_cast<double>(part_end), stretch.size()}};
     WriteSettings check = settings_.write;
     check.chunk_seconds = 0;  // was checked, and is not to be against the whole timeline
     STGS_TRY(check_scene(scene, check));
-    STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings_.write, chunk_ticks_));
-    chunk_ticks_ = encoded.body.index.chunk_ticks;
-    add_bounds(encoded.metadata.scene, stretch.size() == 0);
-    frames_ = end_frame;
-    return write_stretch(encoded.body);
+    STGS_ASSIGN(EncodedScene encoded,
+                encode_records(scene, settings_.write, recorded_.chunk_ticks));
+    Recorded after = recorded_;
+    after.add(encoded, end_frame);
+    STGS_TRY(write_stretch(encoded.body, after));
+    dropped_ += stretch.size() - (after.primitives - recorded_.primitives);
+    recorded_ = after;
+    return {};
   }
 
-  // The records, and the fragment of the index that makes them part of the file, in one write.
-  Status write_stretch(Body& body) {
+  // The records, and the fragment of the index that makes them part of the file, in one write. The
+  // stretch is the last of stretches_ then, and may be after an error.
+  Status write_stretch(Body& body, const Recorded& after) {
     Stretch stretch;
     stretch.part = body.parts.front();
     stretch.part.skip = stretches_.empty() ? head_copy_bytes_ : stretches_.back().fragment_bytes;
@@ -156,56 +219,43 @@ class Recorder final : public SceneRecorder {
     const std::size_t count = std::size_t{1} << std::countr_zero(stretches_.size());
     const std::size_t first = stretches_.size() - count;
     stretches_.back().fragment = file_.bytes() + bytes.size();
-    FragmentHeader header = fragment_header(stretches_.back().fragment);
+    FragmentHeader header = fragment_header(after, stretches_.back().fragment);
     if (stretches_.size() > 1) header.before = stretches_[stretches_.size() - 2].fragment;
     if (first > 0) header.previous = stretches_[first - 1].fragment;
     const std::vector<std::uint8_t> fragment =
-        write_fragment(header, index_of(std::span(stretches_).subspan(first), chunk_ticks_));
+        write_fragment(header, index_of(std::span(stretches_).subspan(first), after.chunk_ticks));
     stretches_.back().fragment_bytes = fragment.size();
     add(fragment);
     return append_bytes(bytes);
   }
 
   Status append_bytes(std::span<const std::uint8_t> bytes) {
-    const Status status = file_.append(bytes, settings_.sync);
-    open_ = open_ && status.ok();
-    return status;
-  }
-
-  void add_bounds(const SceneMetadata& of, bool empty) {
-    if (empty) return;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      float &low = metadata_.scene.bounds_min[axis], &high = metadata_.scene.bounds_max[axis];
-      low = has_bounds_ ? std::min(low, of.bounds_min[axis]) : of.bounds_min[axis];
-      high = has_bounds_ ? std::max(high, of.bounds_max[axis]) : of.bounds_max[axis];
-    }
-    has_bounds_ = true;
+    open_ = false;
+    STGS_TRY(file_.append(bytes, settings_.sync));
+    open_ = true;
+    return {};
   }
 
   // Of a FRAG record at `offset`.
-  FragmentHeader fragment_header(std::uint64_t offset) const {
+  FragmentHeader fragment_header(const Recorded& recorded, std::uint64_t offset) const {
     FragmentHeader header;
-    header.frames = frames_;
+    header.frames = recorded.frames;
     header.offset = offset;
     header.head = head_checksum_;
-    std::copy_n(metadata_.scene.bounds_min, 3, header.bounds_min);
-    std::copy_n(metadata_.scene.bounds_max, 3, header.bounds_max);
+    std::copy_n(recorded.bounds_min, 3, header.bounds_min);
+    std::copy_n(recorded.bounds_max, 3, header.bounds_max);
     return header;
   }
-
-  double chunk_or_one() const { return chunk_ticks_ > 0 ? chunk_ticks_ : 1.0; }
 
   AppendedFile file_;
   FileMetadata metadata_;
   RecordSettings settings_;
-  double chunk_ticks_ =  // 0: open
-      to_chunk(metadata_.scene.time_base.ticks(settings_.write.chunk_seconds));
   std::uint64_t head_copy_bytes_ = 0;  // that lie before the first stretch
   std::vector<Stretch> stretches_;
   std::uint64_t head_checksum_ = 0;
-  std::uint32_t frames_ = 0;
-  bool has_bounds_ = false;
-  bool open_ = true;
+  Recorded recorded_;
+  std::uint64_t dropped_ = 0;
+  bool open_ = false;
 };
 
 }  // namespace
@@ -215,37 +265,34 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
                                                              int sh_degree,
                                                              const RecordSettings& settings) {
   if (metadata.window) return usage_error("{}: a recording is no window of a capture", path);
-  FileMetadata head{metadata, settings.write.profile, sh_degree};
-  head.scene.frames = 1;  // what is recorded stands in the fragments
-  std::fill_n(head.scene.bounds_min, 3, 0.0f);
-  std::fill_n(head.scene.bounds_max, 3, 0.0f);
-  Scene none;
-  none.metadata = head.scene;
-  none.gaussians.sh_degree = sh_degree;
-  STGS_TRY(check_scene(none, settings.write));
-  Findings findings;
-  check_metadata_values(head, 0, findings);
-  if (!findings.ok()) return usage_error("{}: {}", path, findings.take().front().message);
-  auto recorder = std::make_unique<Recorder>(head, settings);
-  STGS_TRY(recorder->create(path));
-  return std::unique_ptr<SceneRecorder>(std::move(recorder));
+  try {
+    FileMetadata head{metadata, settings.write.profile, sh_degree};
+    head.scene.frames = 1;  // what is recorded stands in the fragments
+    std::fill_n(head.scene.bounds_min, 3, 0.0f);
+    std::fill_n(head.scene.bounds_max, 3, 0.0f);
+    Scene none;
+    none.metadata = head.scene;
+    none.gaussians.sh_degree = sh_degree;
+    STGS_TRY(check_scene(none, settings.write));
+    Findings findings;
+    check_metadata_values(head, 0, findings);
+    if (!findings.ok()) return usage_error("{}: {}", path, findings.take().front().message);
+    auto recorder = std::make_unique<Recorder>(settings);
+    STGS_TRY(recorder->create(path, head));
+    return std::unique_ptr<SceneRecorder>(std::move(recorder));
+  } catch (const std::exception& e) {
+    return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
+  }
 }
 
 Result<std::unique_ptr<SceneRecorder>> SceneRecorder::resume(const std::string& path,
                                                              const RecordSettings& settings) {
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
   try {
-    STGS_ASSIGN(const FileHead head, read_resumable(*source));
-    if (head.metadata.profile != settings.write.profile) {
-      return usage_error("{}: was recorded with profile {}, not {}", path,
-                         profile_name(head.metadata.profile), profile_name(settings.write.profile));
-    }
-    STGS_TRY(check_profile(settings.write.profile));
-    auto recorder = std::make_unique<Recorder>(head.metadata, settings);
-    STGS_TRY(recorder->resume(path, head));
+    auto recorder = std::make_unique<Recorder>(settings);
+    STGS_TRY(recorder->resume(path));
     return std::unique_ptr<SceneRecorder>(std::move(recorder));
   } catch (const std::exception& e) {
-    return runtime_error("{}: {}", path, e.what());
+    return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
 }
 

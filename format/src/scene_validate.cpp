@@ -311,7 +311,7 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     if (checked.code() == StatusCode::kNotBuilt) return checked;
     return findings.take();
   } catch (const std::exception& e) {
-    return runtime_error("{}: {}", source.name(), e.what());
+    return Status(code_of(e), fmt::format("{}: {}", source.name(), e.what()));
   }
 }
 

@@ -297,7 +297,8 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     if (order != nullptr) *order = std::move(body.order);
     return assemble(encoded.metadata, body);
   } catch (const std::exception& e) {
-    return runtime_error("cannot encode {} primitives: {}", scene.gaussians.size(), e.what());
+    return Status(code_of(e),
+                  fmt::format("cannot encode {} primitives: {}", scene.gaussians.size(), e.what()));
   }
 }
 

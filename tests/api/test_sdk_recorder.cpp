@@ -129,6 +129,19 @@ std::uint64_t seen_at(const ScenePtr& scene, double seconds) {
   return count;
 }
 
+// Of a call while files of this process can have so many bytes.
+stgs_result with_room(std::uint64_t bytes, const std::function<stgs_result()>& call) {
+  rlimit was{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &was) == 0);
+  const auto handled = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{bytes, was.rlim_max};
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &small) == 0);
+  const stgs_result result = call();
+  setrlimit(RLIMIT_FSIZE, &was);
+  std::signal(SIGXFSZ, handled);
+  return result;
+}
+
 }  // namespace
 
 TEST_CASE("what is recorded is what the application had", "[sdk]") {
@@ -314,6 +327,9 @@ TEST_CASE("stretches that are none are named, and change nothing", "[sdk]") {
   refused([](auto&, auto& p) { p.position[4] = NAN; }, "position[1] of primitive 1 is nan");
   refused([](auto&, auto& p) { p.velocity[0] = INFINITY; }, "velocity[0] of primitive 0 is inf");
   refused([](auto&, auto& p) { p.scale[8] = 0; }, "scale of primitive 2 is 0");
+  refused([](auto&, auto& p) { p.scale[7] = INFINITY; }, "scale[1] of primitive 2 is inf");
+  refused([](auto&, auto& p) { p.sh[5] = NAN; }, "sh[2] of primitive 1 is nan");
+  refused([](auto&, auto& p) { p.time[2] = NAN; }, "time of primitive 2 is nan");
   refused([](auto&, auto& p) { std::fill_n(p.rotation.begin(), 4, 0.0f); },
           "rotation of primitive 0");
   refused([](auto&, auto& p) { p.opacity[1] = 1.5f; }, "opacity of primitive 1 is 1.5");
@@ -359,7 +375,13 @@ TEST_CASE("settings of a recording that are none are named, and another try may 
   refused([](auto& s) { s.floor[2] = 1e30f; }, "floor is 1.0");
   refused([](auto& s) { s.sound_begin = 1e9; }, "sound_begin is 1000000000");
   refused([](auto& s) { s.title = "\xff"; }, "UTF-8");
+  const std::string long_text(4097, 'a');
+  refused([&](auto& s) { s.title = long_text.c_str(); }, "title has 4097 bytes");
+  refused([&](auto& s) { s.sound = long_text.c_str(); }, "sound has 4097 bytes");
   refused([&](auto& s) { s.start_view = &view; }, "start camera");
+  view.fx = 1;
+  view.near_plane = 0;
+  refused([&](auto& s) { s.start_view = &view; }, "near_plane is 0");
   CHECK(stgs_recorder_begin(recorder.get(), nullptr, nullptr) == STGS_ERROR_ARGUMENT);
   CHECK(stgs_recorder_begin(recorder.get(), (folder / "no/live.stgs").c_str(), nullptr) ==
         STGS_ERROR_IO);
@@ -391,19 +413,71 @@ TEST_CASE("a full disk ends a recording at the stretch before", "[sdk]") {
   const stgs_stretch good = made.plain(15), large = many.plain(15);
   REQUIRE(stgs_recorder_append(recorder.get(), &good) == STGS_OK);
   const Bytes before = bytes_of(path);
-  rlimit was{};
-  REQUIRE(getrlimit(RLIMIT_FSIZE, &was) == 0);
-  const auto handled = std::signal(SIGXFSZ, SIG_IGN);
-  const rlimit small{before.size() + 1000, was.rlim_max};
-  REQUIRE(setrlimit(RLIMIT_FSIZE, &small) == 0);
-  const stgs_result result = stgs_recorder_append(recorder.get(), &large);
-  setrlimit(RLIMIT_FSIZE, &was);
-  std::signal(SIGXFSZ, handled);
+  const stgs_result result =
+      with_room(before.size() + 1000, [&] { return stgs_recorder_append(recorder.get(), &large); });
   CHECK(result == STGS_ERROR_IO);
   CHECK((bytes_of(path) == before));
+  CHECK(status_of(recorder).frames == 15);
+  CHECK(status_of(recorder).primitives == 3);
+  CHECK(status_of(recorder).bytes == before.size());
   CHECK(stgs_recorder_append(recorder.get(), &good) == STGS_ERROR_STATE);
   CHECK(stgs_recorder_close(recorder.get()) == STGS_ERROR_STATE);
   CHECK(info_of(opened(path)).issues == 0);
+  // Beside the one that has ended.
+  const RecorderPtr next = make_recorder();
+  REQUIRE(stgs_recorder_resume(next.get(), path.c_str(), nullptr) == STGS_OK);
+  REQUIRE(stgs_recorder_append(next.get(), &large) == STGS_OK);
+  CHECK(info_of(opened(path)).frames == 30);
+}
+
+TEST_CASE("a recording that cannot be begun can be tried again", "[sdk]") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  const RecorderPtr recorder = make_recorder();
+  CHECK(with_room(100, [&] {
+          return stgs_recorder_begin(recorder.get(), path.c_str(), nullptr);
+        }) == STGS_ERROR_IO);
+  CHECK_FALSE(fs::exists(path));
+  CHECK(stgs_recorder_begin(recorder.get(), path.c_str(), nullptr) == STGS_OK);
+}
+
+TEST_CASE("what has no lifespan is seen throughout the longest stretches", "[sdk]") {
+  const TemporaryFolder folder;
+  const Primitives made(3);
+  const std::uint32_t frames = GENERATE(1u, 2'000'000'000u, 0x7FFFFFFFu, 0x80000000u, 0xFFFFFFFFu);
+  const bool stays = GENERATE(false, true);
+  CAPTURE(frames, stays);
+  const std::string path = folder / "live.stgs";
+  RecorderPtr recorder = make_recorder();
+  stgs_record_settings settings = record_settings();
+  settings.time_base_denominator = 1'000'000;
+  REQUIRE(stgs_recorder_begin(recorder.get(), path.c_str(), &settings) == STGS_OK);
+  stgs_stretch stretch = made.plain(stays ? 1 : frames);
+  stretch.stay_frames = stays ? frames : 0;
+  REQUIRE(stgs_recorder_append(recorder.get(), &stretch) == STGS_OK);
+  if (stays && frames > 1) {
+    stgs_stretch rest;
+    REQUIRE(stgs_stretch_defaults(&rest, sizeof rest) == STGS_OK);
+    rest.frames = frames - 1;
+    REQUIRE(stgs_recorder_append(recorder.get(), &rest) == STGS_OK);
+  }
+  CHECK(status_of(recorder).primitives == 3);
+  const ScenePtr scene = opened(path);
+  for (const std::uint32_t frame : {0u, frames / 2, frames - 1}) {
+    CAPTURE(frame);
+    CHECK(seen_at(scene, frame * 1e-6) == 3);
+  }
+}
+
+TEST_CASE("a recorder counts what is never seen, as of times of another clock", "[sdk]") {
+  const TemporaryFolder folder;
+  const RecorderPtr recorder = begin(folder / "live.stgs");
+  Primitives made(3);
+  made.time = {0.2f, 3600.2f, 3600.2f};
+  const stgs_stretch stretch = made.stretch(15);
+  REQUIRE(stgs_recorder_append(recorder.get(), &stretch) == STGS_OK);
+  CHECK(status_of(recorder).primitives == 1);
+  CHECK(status_of(recorder).dropped == 2);
 }
 
 TEST_CASE("structs of a recorder are of any version of its header", "[sdk]") {

@@ -13,8 +13,8 @@
  * counts. There is no global state.
  *
  * Results: STGS_OK, or what went wrong; stgs_scene_error and stgs_renderer_error tell it in words.
- * After an error an object is as it was before the call, and can be used on. Out parameters are
- * written on success alone, but where a line says so.
+ * After an error an object is as it was before the call, and can be used on, but where a line says
+ * otherwise. Out parameters are written on success alone, but where a line says so.
  *
  * Conventions: seconds; OpenCV camera axes (x right, y down, z forward); world-to-camera matrices,
  * row by row; pixel (i, j) covers [i, i + 1) x [j, j + 1); colours sRGB-encoded; text is UTF-8. */
@@ -49,7 +49,7 @@ enum {
   STGS_ERROR_STRUCT_SIZE = 11, /* struct_size is none of a struct's, or larger than this library's
                                 * with something set that this library does not know */
   STGS_ERROR_STATE = 12,       /* not now: no scene is open, or one is already */
-  STGS_ERROR_IO = 20,          /* a file or source could not be read */
+  STGS_ERROR_IO = 20,          /* a file or source could not be read, or a file not be written */
   STGS_ERROR_INVALID_FILE = 30,
   STGS_ERROR_RUNTIME = 40, /* anything else that went wrong while working */
   STGS_ERROR_OUT_OF_MEMORY = 41,

@@ -285,13 +285,17 @@ typedef struct stgs_record_settings {
   int32_t sync;
   uint32_t threads; /* 0 (default): all cores; else as many at most, up to 1024 */
   /* What the file says of its scene. */
-  const char* title;           /* NULL (default): none */
+  const char* title;           /* up to 4096 bytes; NULL (default): none */
   double metres_per_unit;      /* 10^-9 to 10^9; 0 (default): not known */
-  float up[3];                 /* against gravity, of any length; 0, 0, 0 (default): not known */
-  float floor[3];              /* a point of the floor, scene units; counts where up is known */
-  const stgs_view* start_view; /* what stgs_scene_start_view is to give; NULL (default): no camera,
-                                * and near plane and background of stgs_view_defaults */
-  const char* sound;           /* URI reference of the sound, relative to the file's place */
+  float up[3];                 /* against gravity, of any length, components up to 10^9; 0, 0, 0
+                                * (default): not known */
+  float floor[3];              /* a point of the floor, scene units, up to 10^9 from the origin
+                                * along each axis; counts where up is known */
+  const stgs_view* start_view; /* what stgs_scene_start_view is to give, but for its fovea, which a
+                                * file has no place for; NULL (default): no camera, and near plane
+                                * and background of stgs_view_defaults */
+  const char* sound;           /* URI reference of the sound, relative to the file's place; up to
+                                * 4096 bytes */
   double sound_begin;          /* seconds, -10^6 to 10^6; default 0 */
 } stgs_record_settings;
 
@@ -308,14 +312,16 @@ STGS_API void stgs_recorder_destroy(stgs_recorder* recorder);
 STGS_API stgs_result stgs_recorder_error(const stgs_recorder* recorder, stgs_error* error);
 
 /* Makes the file, which must not exist (STGS_ERROR_IO). `settings` may be NULL: the defaults. After
- * an error it may be tried again; after success neither this nor stgs_recorder_resume
- * (STGS_ERROR_STATE). */
+ * an error there is no file, and it may be tried again; after success neither this nor
+ * stgs_recorder_resume (STGS_ERROR_STATE). */
 STGS_API stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
                                          const stgs_record_settings* settings);
 /* Goes on with a recording that was not closed, after its last whole stretch; what is behind that
  * is cut off. Time base, degree, and what the file says of its scene are the file's; the profile
  * must be. STGS_ERROR_ARGUMENT: the file is closed or none that grows, another recorder has it, or
- * it has another profile. Else as stgs_recorder_begin. */
+ * it has another profile; STGS_ERROR_INVALID_FILE: it is empty, damaged or another kind of file;
+ * STGS_ERROR_UNSUPPORTED: of a later format, or laid out by another program. After an error the
+ * file is as it was, and it may be tried again. Else as stgs_recorder_begin. */
 STGS_API stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
                                           const stgs_record_settings* settings);
 
@@ -336,7 +342,9 @@ typedef struct stgs_stretch {
   const float* sh;       /* 3 (sh_degree + 1)^2 each, as of stgs_primitives */
   /* When each is seen, seconds from the beginning of the stretch; three arrays, or NULL: from its
    * beginning to its end. It is seen in full `radius` before and after `time`; s seconds beyond
-   * that by exp(-(s / sigma)^2). */
+   * that by exp(-(s / sigma)^2). What is never seen so within the stretch is left out, and counted
+   * by stgs_recorder_status.dropped: of a clock that began earlier, say, or with an opacity below
+   * 1 / 255. */
   const float* time;
   const float* sigma;      /* > 0 */
   const float* radius;     /* >= 0 */
@@ -346,12 +354,17 @@ typedef struct stgs_stretch {
 
 /* No primitives. `struct_size` is sizeof(*stretch). */
 STGS_API stgs_result stgs_stretch_defaults(stgs_stretch* stretch, size_t struct_size);
-/* Encodes and appends. Once it has returned, readers find the stretch. STGS_ERROR_ARGUMENT,
- * _STRUCT_SIZE, _UNSUPPORTED, as where a primitive lies too far out, and _STATE: nothing has
- * changed. Any other error ends the recording, up to the stretch before. */
+/* Encodes and appends. Once it has returned, readers find the stretch. STGS_ERROR_IO, as where the
+ * disk is full, ends the recording: the file is cut to the stretch before, as far as the system
+ * lets it, and released, so that stgs_recorder_resume of another recorder may go on with it; this
+ * one has its status alone to give (STGS_ERROR_STATE). After any other error nothing has changed,
+ * and the same or another stretch may follow: STGS_ERROR_ARGUMENT, _STRUCT_SIZE, _OUT_OF_MEMORY,
+ * _UNSUPPORTED, as where a primitive lies too far out, and others. */
 STGS_API stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_stretch* stretch);
 /* Says in the file that no more will come, after which there is nothing to append or resume.
- * Players play it to its end, and servers and caches may keep it. */
+ * Players play it to its end, and servers and caches may keep it. After STGS_ERROR_IO the recording
+ * has ended as after that of stgs_recorder_append, with all its stretches; after any other error
+ * nothing has changed. */
 STGS_API stgs_result stgs_recorder_close(stgs_recorder* recorder);
 
 typedef struct stgs_recorder_status {
@@ -361,6 +374,9 @@ typedef struct stgs_recorder_status {
   uint32_t time_base_numerator; /* of the file */
   uint32_t time_base_denominator;
   int32_t sh_degree;
+  uint64_t primitives; /* in the file */
+  uint64_t dropped;    /* never seen within their stretches, and left out, since it was begun or
+                        * resumed; many: times may be of another clock than the stretch's */
 } stgs_recorder_status;
 
 /* status->struct_size is set by the caller. STGS_ERROR_STATE: no recording was begun. */

@@ -11,14 +11,13 @@ struct stgs_recorder {
   stgs::sdk::LastError error;
   std::unique_ptr<stgs::SceneRecorder> recorder;  // null: not begun
   std::uint32_t threads = 0;
-  bool ended = false;  // closed, or an error has ended it
 
   stgs::sdk::Outcome check_recording() const {
     if (recorder == nullptr) {
       return {STGS_ERROR_STATE, "nothing is recorded: call stgs_recorder_begin or _resume first"};
     }
-    if (ended) return {STGS_ERROR_STATE, "the recording is closed, or an error has ended it"};
-    return {};
+    if (recorder->is_open()) return {};
+    return {STGS_ERROR_STATE, "the recording is closed, or an error has ended it"};
   }
   stgs::sdk::Outcome check_not_begun() const {
     if (recorder == nullptr) return {};
@@ -32,6 +31,7 @@ namespace {
 constexpr std::uint64_t kMostPrimitives = 200'000'000;
 constexpr float kLeastOpacity = 0.001f, kMostOpacity = 0.999f;  // whose logits are finite
 constexpr double kFar = 1e9;
+constexpr std::size_t kMostText = 4096;  // bytes
 
 stgs_record_settings default_settings() {
   const RecordSettings defaults;
@@ -53,6 +53,13 @@ stgs_stretch default_stretch() {
   return stretch;
 }
 
+Outcome check_text(const char* field, const char* text) {
+  const std::size_t bytes = text_of(text).size();
+  if (bytes <= kMostText) return {};
+  return {STGS_ERROR_ARGUMENT,
+          fmt::format("settings: {} has {} bytes, more than {}", field, bytes, kMostText)};
+}
+
 Outcome check(const stgs_record_settings& s) {
   constexpr double kMost = std::numeric_limits<std::uint32_t>::max();
   STGS_SDK_TRY(check_range("time_base_numerator", s.time_base_numerator, 1, kMost));
@@ -68,6 +75,8 @@ Outcome check(const stgs_record_settings& s) {
   STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "not known"));
   for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
   for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
+  STGS_SDK_TRY(check_text("title", s.title));
+  STGS_SDK_TRY(check_text("sound", s.sound));
   return check_range("sound_begin", s.sound_begin, -1e6, 1e6);
 }
 
@@ -86,6 +95,11 @@ Outcome take_start_view(const stgs_view* given, SceneMetadata& metadata) {
   if (given == nullptr) return {};
   stgs_view view{};
   STGS_SDK_TRY(take_struct(given, view, "settings: start_view"));
+  if (!(view.near_plane > 0 && std::isfinite(view.near_plane))) {
+    return {STGS_ERROR_ARGUMENT, fmt::format("settings: start_view's near_plane is {}; it must be "
+                                             "positive",
+                                             view.near_plane)};
+  }
   StartCamera& camera = metadata.start_camera.emplace();
   std::copy_n(view.rotation, 9, camera.rotation);
   std::copy_n(view.translation, 3, camera.translation);
@@ -141,9 +155,36 @@ Outcome check(const stgs_stretch& s, std::uint32_t frames) {
   return {};
 }
 
+// By the names that the caller knows; the recorder checks what comes of them.
+Outcome check_finite(const stgs_stretch& s, int sh_degree) {
+  const auto coefficients = static_cast<std::size_t>(3 * (sh_degree + 1) * (sh_degree + 1));
+  const struct {
+    const char* name;
+    const float* values;
+    std::size_t each;
+  } arrays[] = {{"position", s.position, 3}, {"velocity", s.velocity, 3},
+                {"scale", s.scale, 3},       {"rotation", s.rotation, 4},
+                {"opacity", s.opacity, 1},   {"sh", s.sh, coefficients},
+                {"time", s.time, 1},         {"sigma", s.sigma, 1},
+                {"radius", s.radius, 1},     {"importance", s.importance, 1}};
+  for (const auto& array : arrays) {
+    const std::size_t count = array.values == nullptr ? 0 : array.each * s.count;
+    const float* const wrong_one = std::find_if_not(array.values, array.values + count,
+                                                    [](float v) { return std::isfinite(v); });
+    if (wrong_one == array.values + count) continue;
+    const auto at = static_cast<std::size_t>(wrong_one - array.values);
+    const std::string component =
+        array.each > 1 ? fmt::format("[{}]", at % array.each) : std::string();
+    return wrong(fmt::format("{}{} of primitive {} is {}, not a finite number", array.name,
+                             component, at / array.each, *wrong_one));
+  }
+  return {};
+}
+
 // The stretch as the format has it, in ticks of `seconds`. What the recorder checks is left to it.
 Outcome take_primitives(const stgs_stretch& s, int sh_degree, double seconds, Gaussians4D& set) {
   const auto n = static_cast<std::size_t>(s.count);
+  STGS_SDK_TRY(check_finite(s, sh_degree));
   set.sh_degree = sh_degree;
   set.resize(n);
   std::copy_n(s.sh, set.sh.size(), set.sh.begin());
@@ -193,9 +234,6 @@ Outcome append(stgs_recorder& to, const stgs_stretch& stretch) {
   run_on(to.threads, [&] {
     outcome = recorder.append(set, begin + stretch.frames, importance, begin + stretch.stay_frames);
   });
-  const bool as_before = outcome.result == STGS_OK || outcome.result == STGS_ERROR_ARGUMENT ||
-                         outcome.result == STGS_ERROR_UNSUPPORTED;
-  to.ended = !as_before;
   return outcome;
 }
 
@@ -270,7 +308,6 @@ stgs_result stgs_recorder_close(stgs_recorder* recorder) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
     STGS_SDK_TRY(recorder->check_recording());
-    recorder->ended = true;
     return recorder->recorder->close();
   });
 }
@@ -283,7 +320,7 @@ stgs_result stgs_recorder_get_status(stgs_recorder* recorder, stgs_recorder_stat
     const stgs::SceneRecorder& of = *recorder->recorder;
     const stgs::TimeBase& time_base = of.metadata().time_base;
     give_struct(status, {sizeof(*status), of.bytes(), of.frames(), time_base.numerator,
-                         time_base.denominator, of.sh_degree()});
+                         time_base.denominator, of.sh_degree(), of.primitives(), of.dropped()});
     return {};
   });
 }

@@ -38,6 +38,9 @@ Status check_range(const std::string& name, std::uint64_t size, std::uint64_t of
                    std::uint64_t bytes);
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
+// Of a file that is open for reading. Takes the descriptor, also after an error; `path` is its name
+// in messages, and where refresh() looks.
+Result<std::unique_ptr<ByteSource>> descriptor_source(int descriptor, const std::string& path);
 // Takes the bytes.
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes,
                                           std::string name = "memory");

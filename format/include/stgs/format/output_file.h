@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/byte_source.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -51,7 +52,9 @@ class OutputFile {
 // OutputFile in one go: afterwards `path` is either the old file or the whole new one.
 Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
-// A file that is only appended to, by one writer, and can be read meanwhile. One thread at a time.
+// A file that is only appended to, and can be read meanwhile. It is locked (flock) from before its
+// first byte is read or written until it is closed, so that it has one writer. One thread at a
+// time.
 class AppendedFile {
  public:
   AppendedFile() = default;
@@ -59,12 +62,17 @@ class AppendedFile {
   AppendedFile(const AppendedFile&) = delete;
   AppendedFile& operator=(const AppendedFile&) = delete;
 
-  // The file must not exist.
-  Status create(const std::string& path);
-  // Opens a file that exists and cuts it to its first `bytes`. kUsage where another has it open so.
-  Status extend(const std::string& path, std::uint64_t bytes);
+  // Makes a file of these bytes, which must not exist; after an error it does not. `sync`: returns
+  // when they and its name are on the disk.
+  Status create(const std::string& path, std::span<const std::uint8_t> bytes, bool sync);
+  // Opens a file that exists. kUsage where another has it open so.
+  Status open(const std::string& path);
+  // What it holds: nobody else appends to it or cuts it.
+  Result<std::unique_ptr<ByteSource>> source() const;
+  // Keeps its first `bytes`.
+  Status cut(std::uint64_t bytes);
   // `sync`: returns when the bytes are on the disk. After an error the file is cut to what it had
-  // before, where that is possible.
+  // before, where that is possible, and closed.
   Status append(std::span<const std::uint8_t> bytes, bool sync);
   Status close();
 
@@ -72,9 +80,13 @@ class AppendedFile {
   std::uint64_t bytes() const { return bytes_; }
 
  private:
+  Status lock();
+  void release();
+
   std::string path_;
   int fd_ = -1;
   std::uint64_t bytes_ = 0;
+  bool unfinished_ = false;  // made here, and not whole yet
 };
 
 }  // namespace stgs

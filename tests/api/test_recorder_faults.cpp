@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// What happens to a recording's file beside its recorder: others that want it, and disks that are
+// full.
+#include <sys/file.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <functional>
+
+#include "recording_fixture.h"
+
+namespace {
+
+std::function<void()> before_lock;  // once
+
+}  // namespace
+
+// In place of the C library's.
+extern "C" int flock(int descriptor, int operation) noexcept {
+  if (const auto call = std::exchange(before_lock, nullptr)) call();
+  return static_cast<int>(::syscall(SYS_flock, descriptor, operation));
+}
+
+namespace stgs::testing {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Files of this process can have so many bytes while it lives.
+class FullDisk {
+ public:
+  explicit FullDisk(std::uint64_t bytes) : handled_(std::signal(SIGXFSZ, SIG_IGN)) {
+    REQUIRE(::getrlimit(RLIMIT_FSIZE, &was_) == 0);
+    const rlimit small{bytes, was_.rlim_max};
+    REQUIRE(::setrlimit(RLIMIT_FSIZE, &small) == 0);
+  }
+  ~FullDisk() {
+    ::setrlimit(RLIMIT_FSIZE, &was_);
+    std::signal(SIGXFSZ, handled_);
+  }
+
+ private:
+  rlimit was_{};
+  void (*handled_)(int);
+};
+
+std::unique_ptr<SceneRecorder> made(const std::string& path) {
+  auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
+  REQUIRE(recorder.ok());
+  return std::move(*recorder);
+}
+
+void append(SceneRecorder& recorder, std::uint32_t i) {
+  REQUIRE(recorder.append(stretch(i), (i + 1) * kStretchFrames).ok());
+}
+
+}  // namespace
+
+TEST_CASE("what another recorder appends before the lock is had is kept") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  auto first = made(path);
+  append(*first, 0);
+  const bool closes = GENERATE(false, true);
+  before_lock = [&] {
+    append(*first, 1);
+    append(*first, 2);
+    if (closes) REQUIRE(first->close().ok());
+    first.reset();
+  };
+  auto second = SceneRecorder::resume(path, recording_settings());
+  CHECK(opened(path)->metadata().frames == 3 * kStretchFrames);
+  if (closes) {
+    CHECK(second.status().code() == StatusCode::kUsage);
+    return;
+  }
+  REQUIRE(second.ok());
+  CHECK((*second)->frames() == 3 * kStretchFrames);
+  append(**second, 3);
+  REQUIRE((*second)->close().ok());
+  CHECK(issues_of(bytes_of(path)).empty());
+}
+
+TEST_CASE("a file that took a recording's place is not cut to it") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs", other = folder / "other.stgs";
+  record(path, 1, false);
+  record(other, 3, false);
+  const auto before = bytes_of(other);
+  before_lock = [&] { fs::rename(other, path); };
+  CHECK(SceneRecorder::resume(path, recording_settings()).status().code() == StatusCode::kIo);
+  CHECK(bytes_of(path) == before);
+  REQUIRE(SceneRecorder::resume(path, recording_settings()).ok());
+}
+
+TEST_CASE("a recording that cannot be begun leaves nothing, and can be tried again") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  for (const std::uint64_t room : {0u, 100u}) {
+    const FullDisk disk(room);
+    const auto recorder =
+        SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
+    CHECK(recorder.status().code() == StatusCode::kIo);
+    CHECK_FALSE(fs::exists(path));
+  }
+  // What has its name by then is somebody else's.
+  before_lock = [&] {
+    fs::remove(path);
+    std::ofstream(path) << "of another";
+  };
+  {
+    const FullDisk disk(100);
+    CHECK_FALSE(SceneRecorder::create(path, recording_metadata(), 1, recording_settings()).ok());
+  }
+  CHECK(bytes_of(path).size() == 10);
+  fs::remove(path);
+  append(*made(path), 0);
+}
+
+TEST_CASE("a full disk ends a recording, which can be gone on with") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  const bool closing = GENERATE(false, true);
+  auto recorder = made(path);
+  append(*recorder, 0);
+  const auto before = bytes_of(path);
+  {
+    const FullDisk disk(before.size() + 50);
+    const Status status =
+        closing ? recorder->close() : recorder->append(stretch(1), 2 * kStretchFrames);
+    CHECK(status.code() == StatusCode::kIo);
+  }
+  CHECK(bytes_of(path) == before);
+  CHECK_FALSE(recorder->is_open());
+  CHECK(recorder->frames() == kStretchFrames);
+  CHECK(recorder->primitives() == 60);
+  CHECK(recorder->bytes() == before.size());
+  CHECK(recorder->append(stretch(1), 2 * kStretchFrames).code() == StatusCode::kUsage);
+  CHECK(recorder->close().code() == StatusCode::kUsage);
+  // Beside the one that has ended.
+  auto next = SceneRecorder::resume(path, recording_settings());
+  REQUIRE(next.ok());
+  append(**next, 1);
+  REQUIRE((*next)->close().ok());
+  CHECK(issues_of(bytes_of(path)).empty());
+}
+
+TEST_CASE("a recorder counts what is never seen") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  auto recorder =
+      SceneRecorder::create(path, recording_metadata(), 1, recording_settings(Profile::kQuantised));
+  REQUIRE(recorder.ok());
+  append(**recorder, 0);
+  Gaussians4D late = stretch(1);
+  for (float& t : late.time) t += 10000;
+  late.sigma.assign(60, 1);
+  late.radius.assign(60, 1);
+  late.time[7] = 5;
+  REQUIRE((*recorder)->append(late, 2 * kStretchFrames).ok());
+  CHECK((*recorder)->primitives() == 61);
+  CHECK((*recorder)->dropped() == 59);
+  recorder->reset();
+  recorder = SceneRecorder::resume(path, recording_settings(Profile::kQuantised));
+  REQUIRE(recorder.ok());
+  CHECK((*recorder)->primitives() == 61);
+  CHECK((*recorder)->dropped() == 0);
+}
+
+TEST_CASE("what is seen all the time is so in the longest stretch that there can be") {
+  const TemporaryFolder folder;
+  for (const std::uint32_t frames : {2'000'000'000u, 0x7FFFFFFFu, 0x80000000u, 0xFFFFFFFFu}) {
+    const std::string path = folder / fmt::format("{}.stgs", frames);
+    auto recorder = SceneRecorder::create(path, recording_metadata(), 1,
+                                          recording_settings(Profile::kQuantised));
+    REQUIRE(recorder.ok());
+    Gaussians4D set = stretch(0, 3);
+    set.time.assign(3, 0);
+    set.sigma.assign(3, 1);
+    set.radius.assign(3, 2.0f * static_cast<float>(frames));
+    REQUIRE((*recorder)->append(set, frames).ok());
+    const auto decoded = read_scene(path);
+    REQUIRE(decoded.ok());
+    const Gaussians4D& is = decoded->gaussians;
+    REQUIRE(is.size() == 3);
+    for (std::size_t i = 0; i < 3; ++i) {
+      INFO(frames << ": " << is.time[i] << " +- " << is.radius[i]);
+      CHECK(is.time[i] - is.radius[i] <= 0);
+      CHECK(double{is.time[i]} + is.radius[i] >= frames);
+    }
+    CHECK(issues_of(bytes_of(path)).empty());
+  }
+}
+
+}  // namespace stgs::testing
