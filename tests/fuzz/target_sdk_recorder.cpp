@@ -268,6 +268,7 @@ class Calls {
     require(stgs_scene_get_info(scene, &info) == STGS_OK, "a recording is told of");
     require(info.issues == 0, "a recording is sound");
     require(info.frames == std::max(1u, status.frames), "all of a recording is there");
+    require(info.primitives == status.primitives, "a recorder knows how many primitives there are");
     require(info.sh_degree == status.sh_degree, "a recorder knows its file's degree");
     for (const double share : {0.0, 0.5, 1.0}) {
       std::uint64_t count = 0;
