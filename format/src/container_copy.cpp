@@ -4,7 +4,6 @@
 
 #include "bytes.h"
 #include "container.h"
-#include "planes.h"
 #include "zstd_frame.h"
 
 namespace stgs {
@@ -17,23 +16,6 @@ using Found = std::optional<HeadCopy>;
 constexpr std::uint64_t kLengthBytes = 8;
 // That are passed over on the way to a copy where nothing tells how long the head is.
 constexpr int kMostRecordsBefore = 64;
-
-Bytes pack_records(std::span<const std::uint8_t> records) {
-  constexpr int kLevel = 19;  // a head is small
-  return compress_planes(records, records.size(), kLevel);
-}
-
-std::uint64_t payload_bytes(std::span<const std::uint8_t> packed) {
-  return kHeaderBytes + packed.size() + kLengthBytes;
-}
-
-Bytes write_copy(std::span<const std::uint8_t> header, std::span<const std::uint8_t> packed) {
-  ByteWriter payload;
-  payload.bytes(header);
-  payload.bytes(packed);
-  payload.u64(payload_bytes(packed));
-  return write_record(kCopyTag, payload.view(), 0);
-}
 
 // The payload of a COPY record as the head that it stands for; empty: it is none.
 Bytes unpack_copy(std::span<const std::uint8_t> payload, const FileHeader& header) {
@@ -129,20 +111,6 @@ class Search {
 };
 
 }  // namespace
-
-CopiedHead write_copied_head(FileHeader header, std::span<const std::uint8_t> records,
-                             std::uint64_t body_bytes) {
-  const Bytes packed = pack_records(records);
-  header.minor = std::max(header.minor, kCopyMinor);
-  header.head_bytes = kHeaderBytes + records.size();
-  if ((header.flags & kGrowing) == 0) {
-    header.file_bytes = header.head_bytes + body_bytes + kRecordHeaderBytes + payload_bytes(packed);
-  }
-  CopiedHead out{write_header(header), {}};
-  out.copy = write_copy(out.head, packed);
-  out.head.insert(out.head.end(), records.begin(), records.end());
-  return out;
-}
 
 Result<Found> find_head_copy(const ByteSource& source, std::span<const std::uint8_t> first,
                              const ReadLimits& limits) {
