@@ -228,7 +228,8 @@ TEST_CASE("nothing is cut off a recording whose last stretch cannot be reached")
   const std::string path = folder / "live.stgs";
   record(path, 1, false);
   Bytes bytes = bytes_of(path);
-  for (const SegmentInfo& segment : opened(path)->segments()) bytes[segment.offset + 9] ^= 1;
+  const auto sound = opened(path);
+  for (const SegmentInfo& segment : sound->segments()) bytes[segment.offset + 9] ^= 1;
   {
     std::ofstream file(path, std::ios::binary);
     file.write(reinterpret_cast<const char*>(bytes.data()),
