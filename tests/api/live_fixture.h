@@ -185,7 +185,12 @@ struct Viewer {
     frames(testing::kStretchFrames, at_each);
     file->grow(recording().ends[stretches]);
     REQUIRE(at_edge_of(stretches));
-    REQUIRE(until([&] { return has(player->seconds(), stretches * kStretch - 1e-6); }));
+    wait_for(stretches * kStretch);
+  }
+  // Until all up to there is fetched, and the player has looked since.
+  void wait_for(double end) {
+    REQUIRE(until([&] { return has(player->seconds(), end - 1e-6); }));
+    tick();
   }
   bool has(double begin, double end) const {
     const auto ranges = player->buffered();
@@ -197,7 +202,7 @@ struct Viewer {
     player->play();
     REQUIRE(until([&] { return player->state() == PlayerState::kPlaying; }));
     if (!player->live().growing) return;
-    REQUIRE(until([&] { return has(player->seconds(), player->live().edge_seconds - 1e-6); }));
+    wait_for(player->live().edge_seconds);
   }
   int count(Kind kind) const {
     return static_cast<int>(std::count_if(events.begin(), events.end(),

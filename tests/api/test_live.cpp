@@ -114,7 +114,7 @@ TEST_CASE("a distance to the edge is made up for a tenth faster, a great one by 
   viewer.tick();
   viewer.file->grow(recording().ends[13]);
   REQUIRE(viewer.at_edge_of(13));
-  REQUIRE(viewer.until([&] { return viewer.has(viewer.player->seconds(), 13 * kStretch - 1e-6); }));
+  viewer.wait_for(13 * kStretch);
   const LiveState live = viewer.player->live();
   CHECK(live.behind_seconds - live.wanted_seconds == Approx(0.75).margin(0.1));
   const double before = viewer.player->seconds();
@@ -234,8 +234,7 @@ TEST_CASE("a recording is joined before its first stretch") {
   for (std::uint32_t i = 1; i <= 5; ++i) {
     viewer.file->grow(recording().ends[i]);
     REQUIRE(viewer.at_edge_of(i));
-    REQUIRE(
-        viewer.until([&] { return viewer.has(viewer.player->seconds(), i * kStretch - 1e-6); }));
+    viewer.wait_for(i * kStretch);
     viewer.frames(testing::kStretchFrames);
   }
   CHECK(viewer.player->seconds() > kStretch);
