@@ -7,6 +7,7 @@
 #include "scene.h"
 #include "stgs/format/camera.h"
 #include "structs.h"
+#include "view_camera.h"
 
 static_assert(STGS_MAX_SIDE == stgs::kMaxPictureSide);
 static_assert(STGS_MAX_VIEWS == stgs::player::kMaxViews);
@@ -77,17 +78,8 @@ Outcome check_view(const stgs_view& view) {
 }
 
 player::View view_of(const stgs_view& view) {
-  StartCamera camera;
-  std::copy_n(view.rotation, 9, camera.rotation);
-  std::copy_n(view.translation, 3, camera.translation);
-  camera.fx = view.fx;
-  camera.fy = view.fy;
-  camera.cx = view.cx;
-  camera.cy = view.cy;
-  camera.width = view.width;
-  camera.height = view.height;
   player::View out;
-  out.camera = pinhole_of(camera, view.near_plane);
+  out.camera = pinhole_of(camera_of(view), view.near_plane);
   out.background = {view.background[0], view.background[1], view.background[2]};
   if (view.fovea_radius > 0) out.fovea = Fovea{{view.fovea_x, view.fovea_y}, view.fovea_radius};
   return out;

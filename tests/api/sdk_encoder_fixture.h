@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encoders of the C interface, what they report, and captures for them.
+// Encoders and recorders of the C interface, what they report, and captures for them.
 #pragma once
 
 #include <algorithm>
@@ -93,6 +93,17 @@ class Watched {
   double done_ = 0;
   bool stopped_ = false;
 };
+
+struct DestroyRecorder {
+  void operator()(stgs_recorder* recorder) const { stgs_recorder_destroy(recorder); }
+};
+using RecorderPtr = std::unique_ptr<stgs_recorder, DestroyRecorder>;
+
+inline RecorderPtr make_recorder() {
+  stgs_recorder* made = nullptr;
+  REQUIRE(stgs_recorder_create(&made) == STGS_OK);
+  return RecorderPtr(made);
+}
 
 // A prepared capture that needs no OpenCV.
 class Prepared {

@@ -13,17 +13,6 @@ bool is_told(stgs_result result) {
   return result == STGS_OK || result == STGS_ERROR_OUT_OF_MEMORY;
 }
 
-struct DestroyRecorder {
-  void operator()(stgs_recorder* recorder) const { stgs_recorder_destroy(recorder); }
-};
-using RecorderPtr = std::unique_ptr<stgs_recorder, DestroyRecorder>;
-
-RecorderPtr make_recorder() {
-  stgs_recorder* made = nullptr;
-  REQUIRE(stgs_recorder_create(&made) == STGS_OK);
-  return RecorderPtr(made);
-}
-
 // Some primitives that are seen all the time.
 struct Cloud {
   std::vector<float> position, scale, opacity, sh;

@@ -16,16 +16,6 @@
 namespace stgs::testing {
 namespace {
 
-struct DestroyRecorder {
-  void operator()(stgs_recorder* recorder) const { stgs_recorder_destroy(recorder); }
-};
-using RecorderPtr = std::unique_ptr<stgs_recorder, DestroyRecorder>;
-
-RecorderPtr make_recorder() {
-  stgs_recorder* made = nullptr;
-  REQUIRE(stgs_recorder_create(&made) == STGS_OK);
-  return RecorderPtr(made);
-}
 stgs_record_settings record_settings() {
   stgs_record_settings settings;
   REQUIRE(stgs_record_settings_defaults(&settings, sizeof settings) == STGS_OK);

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "encoder/encoder.h"
+#include "view_camera.h"
 
 struct stgs_recorder {
   stgs::sdk::LastError error;
@@ -100,15 +101,7 @@ Outcome take_start_view(const stgs_view* given, SceneMetadata& metadata) {
                                              "positive",
                                              view.near_plane)};
   }
-  StartCamera& camera = metadata.start_camera.emplace();
-  std::copy_n(view.rotation, 9, camera.rotation);
-  std::copy_n(view.translation, 3, camera.translation);
-  camera.fx = view.fx;
-  camera.fy = view.fy;
-  camera.cx = view.cx;
-  camera.cy = view.cy;
-  camera.width = view.width;
-  camera.height = view.height;
+  metadata.start_camera = camera_of(view);
   metadata.near_plane = view.near_plane;
   std::copy_n(view.background, 3, metadata.background);
   return {};
