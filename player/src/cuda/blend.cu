@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending, nearest first. A warp draws 8 x 8 pixels, two a lane, by itself: a quarter of a tile,
-// or all of one at half resolution. It takes the tile's list 32 splats at a time, a splat a lane,
-// keeps those whose ellipse meets its pixels, and goes through these.
+// or at half resolution of a square of 2 x 2 tiles. It takes the list 32 splats at a time, a splat
+// a lane, keeps those whose ellipse meets its quarter, and goes through these.
 #include "cuda/footprint.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
@@ -15,10 +15,10 @@ using math::kAlphaMax;
 using math::kTransmittanceMin;
 
 constexpr int kWarps = 4;
-constexpr int kSide = 8;                   // pixels of a warp, width and height
-constexpr int kEach = kSide * kSide / 32;  // pixels of a lane, below each other
-constexpr int kStep = kSide / kEach;       // rows between them
-constexpr float kFinished = 1e30f;         // a threshold that no alpha reaches
+constexpr int kSide = kQuarterPixels;            // pixels of a warp, width and height
+constexpr int kEach = kSide * kSide / 32;        // pixels of a lane, below each other
+constexpr int kStep = kSide / kEach;             // rows between them
+constexpr float kLog2AlphaMax = -0.0144995697f;  // log2(kAlphaMax)
 
 __device__ float exp2_fast(float x) {
 #ifdef __CUDA_ARCH__
@@ -31,10 +31,25 @@ __device__ float exp2_fast(float x) {
 }
 
 struct Pixel {
-  float y;          // centre
-  float threshold;  // log2 of the least alpha that is drawn, or kFinished
-  float transmittance, red, green, blue, depth;
+  float y;              // centre
+  float transmittance;  // below 0 where the pixel is finished, or outside of the picture
+  float red, green, blue, depth;
 };
+
+// Adds a splat of the weight alpha T where log2(alpha) >= kLog2Threshold, unless that would leave
+// less than kTransmittanceMin: then the pixel is finished. Returns whether it was added. Without
+// branches: most splats that are gone through are drawn at some pixel of the lanes.
+__device__ bool add(Pixel& pixel, float log2_alpha, float weight, const float4& colour) {
+  const float t = pixel.transmittance, after = t - weight;
+  const bool met = log2_alpha >= kLog2Threshold, drawn = met && after >= kTransmittanceMin;
+  const float added = drawn ? weight : 0.0f;
+  pixel.red = fmaf(added, colour.x, pixel.red);
+  pixel.green = fmaf(added, colour.y, pixel.green);
+  pixel.blue = fmaf(added, colour.z, pixel.blue);
+  pixel.depth = fmaf(added, colour.w, pixel.depth);
+  pixel.transmittance = drawn ? after : met ? -fabsf(t) : t;
+  return drawn;
+}
 
 // Returns to how many of the pixels it contributes.
 __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
@@ -44,27 +59,16 @@ __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach])
 #pragma unroll
   for (Pixel& pixel : pixels) {
     const float dy = pixel.y - s.a.y;
-    const float log2 = fminf(s.b.y, fmaf(dy, fmaf(s.b.x, dy, cross), along));
-    // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
-    const float alpha = fminf(kAlphaMax, exp2_fast(log2));
-    const float after = pixel.transmittance * (1.0f - alpha);
-    const bool met = log2 >= pixel.threshold, ends = met && after < kTransmittanceMin;
-    const bool drawn = met && !ends;
-    const float weight = drawn ? alpha * pixel.transmittance : 0.0f;
-    pixel.red = fmaf(weight, s.c.x, pixel.red);
-    pixel.green = fmaf(weight, s.c.y, pixel.green);
-    pixel.blue = fmaf(weight, s.c.z, pixel.blue);
-    pixel.depth = fmaf(weight, s.c.w, pixel.depth);
-    pixel.transmittance = drawn ? after : pixel.transmittance;
-    pixel.threshold = ends ? kFinished : pixel.threshold;
-    contributions += drawn;
+    const float log2_alpha = fminf(s.b.z, fmaf(dy, fmaf(s.b.x, dy, cross), along));
+    const float weight = exp2_fast(log2_alpha) * pixel.transmittance;
+    contributions += add(pixel, log2_alpha, weight, s.c) ? 1u : 0u;
   }
   return contributions;
 }
 
 // What a warp draws.
 struct Patch {
-  int tile;           // of the view
+  int tile;           // whose list it goes through
   int x0, y0;         // pixels, of the picture of half the size where it is halved
   int width, height;  // of that picture
   bool halved;
@@ -87,18 +91,15 @@ __device__ bool find_patch_of_square(const ViewInput& view, int warp, Patch& out
   const int squares_x = (view.tiles_x + 1) / 2, square = static_cast<int>(blockIdx.x / 4);
   const int of_square = static_cast<int>(blockIdx.x % 4);
   const int sx = square % squares_x, sy = square / squares_x;
-  constexpr float kSquare = math::kFoveaSquare;
-  out.halved = math::beyond_fovea(view.fovea, view.fovea_radius, static_cast<float>(sx) * kSquare,
-                                  static_cast<float>(sy) * kSquare);
+  out.halved = !has(sharp_squares(view, sy), sx);
   if (out.halved && of_square != 0) return false;
-  const int number = out.halved ? warp : of_square;
-  const int tx = 2 * sx + number % 2, ty = 2 * sy + number / 2;
+  const int tx = 2 * sx + of_square % 2, ty = 2 * sy + of_square / 2;
   if (tx >= view.tiles_x || ty >= view.tiles_y) return false;
   out.tile = ty * view.tiles_x + tx;
   out.width = out.halved ? (view.width + 1) / 2 : view.width;
   out.height = out.halved ? (view.height + 1) / 2 : view.height;
-  out.x0 = out.halved ? tx * kSide : tx * kTilePixels + warp % 2 * kSide;
-  out.y0 = out.halved ? ty * kSide : ty * kTilePixels + warp / 2 * kSide;
+  out.x0 = (out.halved ? sx : tx) * kTilePixels + warp % 2 * kSide;
+  out.y0 = (out.halved ? sy : ty) * kTilePixels + warp / 2 * kSide;
   return out.x0 < out.width && out.y0 < out.height;
 }
 
@@ -119,7 +120,7 @@ __device__ Quad halved(const Quad& s) {
 __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& view) {
   const std::size_t plane = static_cast<std::size_t>(view.width) * view.height;
   float* const to = view.planes + static_cast<std::size_t>(y) * view.width + x;
-  const float t = pixel.transmittance, alpha = 1.0f - t;
+  const float t = fabsf(pixel.transmittance), alpha = 1.0f - t;
   to[0] = fmaf(t, view.background.x, pixel.red);
   to[plane] = fmaf(t, view.background.y, pixel.green);
   to[2 * plane] = fmaf(t, view.background.z, pixel.blue);
@@ -136,6 +137,10 @@ __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& 
   if (right && below) write_pixel(pixel, x + 1, y + 1, view);
 }
 
+// Of squares at half resolution some have lists of thousands. They go first, in a layer of the grid
+// of their own: begun late, one would keep the frame waiting.
+constexpr std::uint32_t kLong = 1024;
+
 template <bool kCount, bool kFovea>
 __global__ void __launch_bounds__(kWarps * 32)
     blend(const FrameInput* input, const uint2* ranges, const std::uint32_t* list,
@@ -146,47 +151,43 @@ __global__ void __launch_bounds__(kWarps * 32)
   Patch patch;
   // The whole warp; no barrier of the block follows.
   if (!(kFovea ? find_patch_of_square(view, warp, patch) : find_patch(view, warp, patch))) return;
-  const auto load = [&](std::uint32_t number) {
-    const Quad s = load_quad(splats, number);
-    return kFovea && patch.halved ? halved(s) : s;
-  };
   const int x = patch.x0 + lane % kSide, y = patch.y0 + lane / kSide;
   const float px = static_cast<float>(x) + 0.5f;
-  const float left = static_cast<float>(patch.x0) + 0.5f, top = static_cast<float>(patch.y0) + 0.5f;
-  const float right = static_cast<float>(min(patch.x0 + kSide, patch.width)) - 0.5f;
-  const float bottom = static_cast<float>(min(patch.y0 + kSide, patch.height)) - 0.5f;
   Quad* const stage = stages[warp];
   Pixel pixels[kEach];
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
     const bool inside = x < patch.width && y + k * kStep < patch.height;
-    pixels[k] = {static_cast<float>(y + k * kStep) + 0.5f,
-                 inside ? kLog2Threshold : kFinished,
-                 1.0f,
-                 0.0f,
-                 0.0f,
-                 0.0f,
-                 0.0f};
+    pixels[k] = {static_cast<float>(y + k * kStep) + 0.5f, inside ? 1.0f : -1.0f, 0, 0, 0, 0};
   }
 
   const uint2 range = ranges[view.first_tile + patch.tile];
+  if (kFovea && (range.y - range.x > kLong) != (blockIdx.z == 0)) return;
+  const unsigned quarter = 1u << (kSplatBits + warp);
+  const auto listed = [&](std::uint32_t at) { return at < range.y ? list[at] : 0; };
+  const auto load = [&](std::uint32_t number) {
+    Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
+    if (kFovea && patch.halved) s = halved(s);
+    s.b.z = fminf(s.b.y, kLog2AlphaMax);
+    return s;
+  };
   unsigned evaluations = 0, contributions = 0;  // of the lane, where they are counted
   // A splat is asked for one batch ahead, its number two.
+  std::uint32_t number = listed(range.x + lane), next_number = listed(range.x + 32 + lane);
   Quad next{};
-  std::uint32_t number = 0;
-  if (range.x + lane < range.y) next = load(list[range.x + lane]);
-  if (range.x + 32 + lane < range.y) number = list[range.x + 32 + lane];
+  if ((number & quarter) != 0) next = load(number);
   for (std::uint32_t at = range.x; at < range.y; at += 32) {
     bool finished = true;
 #pragma unroll
-    for (const Pixel& pixel : pixels) finished &= pixel.threshold == kFinished;
+    for (const Pixel& pixel : pixels) finished &= pixel.transmittance < 0.0f;
     if (__all_sync(kAllLanes, finished)) break;
-    const bool met = at + lane < range.y && meets(next, left, right, top, bottom);
+    const bool met = (number & quarter) != 0;
     const unsigned hits = __ballot_sync(kAllLanes, met);
     if (met) stage[__popc(hits & ((1u << lane) - 1u))] = next;
     __syncwarp();
-    if (at + 32 + lane < range.y) next = load(number);
-    if (at + 64 + lane < range.y) number = list[at + 64 + lane];
+    number = next_number;
+    if ((number & quarter) != 0) next = load(number);
+    next_number = listed(at + 64 + lane);
     const int count = __popc(hits);
     for (int k = 0; k < count; ++k) {
       const unsigned contributed = blend_splat(stage[k], px, pixels);
@@ -221,7 +222,7 @@ void launch_blend(const FrameInput* input, const BlendGrid& grid, const Workspac
                   cudaStream_t stream) {
   const auto kernel = grid.fovea ? (count ? blend<true, true> : blend<false, true>)
                                  : (count ? blend<true, false> : blend<false, false>);
-  launch(kernel, dim3(grid.tiles, grid.views), kWarps * 32, stream, input,
+  launch(kernel, dim3(grid.tiles, grid.views, grid.fovea ? 2 : 1), kWarps * 32, stream, input,
          static_cast<const uint2*>(w.tile_ranges),
          static_cast<const std::uint32_t*>(w.tile_splats[w.tile_passes % 2]),
          static_cast<const ScreenSplat*>(w.splats), w.counters);

@@ -157,7 +157,7 @@ class CudaRenderer final : public Renderer {
     if (splats_at_most(views.size()) > kMaxSplats) {
       return runtime_error(
           "{}: cannot draw {} s: more primitives may be alive than fit a frame (2^{} of all views)",
-          timeline.name(), seconds, kViewShift);
+          timeline.name(), seconds, kSplatBits);
     }
     FrameNeed need = need_of(views);
     // The pictures before may still be read.

@@ -16,17 +16,22 @@
 namespace stgs::player::cuda {
 
 inline constexpr int kTilePixels = 16;             // width and height, as kTileSize of raster.h
+inline constexpr int kQuarterPixels = 8;           // of a quarter of a tile
 inline constexpr std::uint32_t kSortTile = 3072;   // keys that a thread block sorts at a time
 inline constexpr int kDigits = 256;                // of a pass of the sort
 inline constexpr std::uint32_t kSelectChunks = 8;  // of primitives, that a thread block looks at
+// Splats that a thread block lists at a time, in the order of depth: few of the nearest, which have
+// many times the tiles of others and would keep all waiting for their block.
+inline constexpr std::uint32_t kListSplats = 256, kNearSplats = 32, kNearChunks = 256;
 inline constexpr int kDepthPasses = 4, kMostPasses = 4;
 inline constexpr int kMostViews = 4;  // as kMaxViews of renderer.h
 // Tile instances of a view at most; as the CPU rasteriser's limit.
 inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
-// A splat's number has the bits below this one where its view has those from it on.
-inline constexpr int kViewShift = 30;
-inline constexpr std::uint64_t kMaxSplats = std::uint64_t{1} << kViewShift;
-static_assert(kMostViews <= 1 << (32 - kViewShift));
+// A splat's number has the bits below this one. Those from it on tell of its view in the order of
+// depth, and in a tile's list which of the tile's quarters it meets: bit x + 2 y.
+inline constexpr int kSplatBits = 28;
+inline constexpr std::uint64_t kMaxSplats = std::uint64_t{1} << kSplatBits;
+static_assert(kMostViews <= 1 << (32 - kSplatBits));
 
 // Successive primitives that are drawn at the same moment of their time.
 struct Part {
@@ -93,7 +98,7 @@ struct Workspace {
   std::uint32_t* tile_digits = nullptr;        // kMostPasses x kDigits
   unsigned long long* select_told = nullptr;   // kSelectChunks chunks of primitives
   unsigned long long* project_told = nullptr;  // a chunk of candidates
-  unsigned long long* list_told = nullptr;     // a chunk of splats
+  unsigned long long* list_told = nullptr;     // a chunk of splats, nearest first
   std::uint32_t* sort_told[2 * kMostPasses] = {};  // kDigits a sort tile
   uint2* tile_ranges = nullptr;                    // a tile: first and last + 1 of its instances
 
@@ -102,7 +107,7 @@ struct Workspace {
   std::uint32_t* depth_keys[2] = {};    // S
   std::uint32_t* depth_order[2] = {};   // S; after the sort in [0]: splats, nearest first
   std::uint32_t* tile_keys[2] = {};     // I
-  std::uint32_t* tile_splats[2] = {};   // I
+  std::uint32_t* tile_splats[2] = {};   // I; splats with the quarters that they meet
   std::uint32_t splat_capacity = 0;     // S
   std::uint32_t instance_capacity = 0;  // I
   int tile_passes = 0;                  // that the sort by tile needs
@@ -111,7 +116,7 @@ struct Workspace {
 // Thread blocks that the current GPU runs at once.
 struct Grids {
   unsigned select = 0, project_one = 0, project_several = 0;
-  unsigned depth_sort = 0, list = 0, tile_sort = 0, ranges = 0;
+  unsigned depth_sort = 0, list = 0, list_fovea = 0, tile_sort = 0, ranges = 0;
 };
 // An error where this build has no code for the current GPU.
 cudaError_t find_grids(int sh_degree, Grids& grids);
@@ -128,12 +133,14 @@ void launch_select(const FrameInput* input, const Workspace& w, const Grids& gri
 // be more than one view. spec/representation.md, 2 to 4.
 void launch_project(int sh_degree, bool several, const FrameInput* input, const Workspace& w,
                     const Grids& grids, cudaStream_t stream);
-// depth_order[0]: splats, with their views above kViewShift, by depth; equal ones in their own
+// depth_order[0]: splats, with their views above kSplatBits, by depth; equal ones in their own
 // order.
 void launch_depth_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
-// For each splat by depth the tiles of its view that its ellipse meets: tile_keys[0],
-// tile_splats[0] and tile_digits; counters->instances and ->listed.
-void launch_list(const FrameInput* input, const Workspace& w, const Grids& grids,
+// For each splat by depth the tiles of its view that its ellipse meets, with their quarters:
+// tile_keys[0], tile_splats[0] and tile_digits; counters->instances and ->listed. `fovea`: there
+// may be squares of 2 x 2 tiles at half resolution. Such a square has one list, under its first
+// tile, and for quarters its tiles.
+void launch_list(bool fovea, const FrameInput* input, const Workspace& w, const Grids& grids,
                  cudaStream_t stream);
 // The instances by tile, each tile's in the order of depth, in tile_splats[tile_passes % 2];
 // tile_ranges.

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which tiles and pixels a splat's ellipse meets. All of it may only err towards meeting: what is
-// listed where it is not seen costs time, what is missing is wrong.
+// Which tiles a splat's ellipse meets, and which quarters of them. All of it may only err towards
+// meeting: what is listed where it is not seen costs time, what is missing is wrong.
 #pragma once
 
 #include "cuda/draw.h"
+#include "stgs/format/math/fovea.h"
 
 namespace stgs::player::cuda {
 
@@ -24,12 +25,11 @@ __device__ inline Quad load_quad(const ScreenSplat* splats, std::uint32_t i) {
   return {__ldg(at), __ldg(at + 1), __ldg(at + 2)};
 }
 
-// The ellipse as rows of tiles see it. With v the offset from the centre in half heights, its
-// points at v are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at
-// -top.
+// The ellipse as rows see it. With v the offset from the centre in half heights, its points at v
+// are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
-  int row, rows;  // of tiles
+  int row, rows;  // of squares of so many pixels as it was asked for
   int view;
 };
 
@@ -37,6 +37,7 @@ __device__ inline float kept(float x, float low, float high) {
   return fminf(fmaxf(x, low), high);
 }
 
+template <int kRowPixels>
 __device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const ViewInput& view) {
   Footprint f;
   f.view = number;
@@ -51,65 +52,93 @@ __device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const
   const float ratio = f.slope / f.width;
   f.top = ratio * rsqrtf(1.0f + ratio * ratio);
   if (!(fabsf(f.top) <= 1.0f)) f.top = copysignf(1.0f, ratio);  // a square that overflowed
-  f.slack = 1e-3f + 2e-6f * (fabsf(f.slope) + f.width + fabsf(s.x));
   const float slack = 1e-3f + 2e-6f * (s.extent_y + fabsf(s.y));
-  constexpr float kTile = kTilePixels;
-  const auto count = static_cast<float>(view.tiles_y);
-  const float first = ceilf((s.y - s.extent_y - slack - (kTile - 0.5f)) / kTile);
-  const float last = floorf((s.y + s.extent_y + slack - 0.5f) / kTile);
+  f.slack = slack + 2e-6f * (fabsf(f.slope) + f.width + fabsf(s.x));
+  constexpr float kSide = kRowPixels;
+  const auto count = static_cast<float>((view.height + kRowPixels - 1) / kRowPixels);
+  const float first = ceilf((s.y - s.extent_y - slack - (kSide - 0.5f)) / kSide);
+  const float last = floorf((s.y + s.extent_y + slack - 0.5f) / kSide);
   f.row = static_cast<int>(kept(first, 0.0f, count));
   f.rows = static_cast<int>(kept(last, -1.0f, count - 1.0f)) - f.row + 1;
   if (f.rows < 0) f.rows = 0;
   return f;
 }
 
-// Tiles [first, first + count) of a row.
+// [first, first + count).
 struct Span {
   int first, count;
 };
 
+__device__ inline Span shared_by(Span a, Span b) {
+  const int first = max(a.first, b.first);
+  return {first, max(min(a.first + a.count, b.first + b.count) - first, 0)};
+}
+
+__device__ inline bool has(Span span, int i) {
+  return static_cast<unsigned>(i - span.first) < static_cast<unsigned>(span.count);
+}
+
+// The squares of kPixels (tiles, quarters) that the ellipse meets in a row of them.
+template <int kPixels>
 __device__ inline Span span_of(const Footprint& f, int row, const ViewInput& view) {
-  constexpr float kTile = kTilePixels;
-  const float top = static_cast<float>(row) * kTile + 0.5f;
-  const float bottom = fminf(top + (kTile - 1.0f), static_cast<float>(view.height) - 0.5f);
-  const float low = kept((top - f.y) * f.per_height, -1.0f, 1.0f);
-  const float high = kept((bottom - f.y) * f.per_height, -1.0f, 1.0f);
+  constexpr float kSide = kPixels;
+  const float top = static_cast<float>(row) * kSide + 0.5f;
+  const float bottom = fminf(top + (kSide - 1.0f), static_cast<float>(view.height) - 0.5f);
+  const float above = (top - f.y) * f.per_height, below = (bottom - f.y) * f.per_height;
+  const float beyond = 1.0f + f.slack * f.per_height;
+  if (bottom < top || above > beyond || below < -beyond) return {0, 0};
+  const float low = kept(above, -1.0f, 1.0f), high = kept(below, -1.0f, 1.0f);
   const float at_right = kept(f.top, low, high), at_left = kept(-f.top, low, high);
   // 1e-6 for the rounding of v, which counts most near the ends.
   const float right = f.x + f.slope * at_right +
                       f.width * sqrtf(fmaxf(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
   const float left = f.x + f.slope * at_left -
                      f.width * sqrtf(fmaxf(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
-  const auto count = static_cast<float>(view.tiles_x);
-  const float first = kept(ceilf((left - (kTile - 0.5f)) / kTile), 0.0f, count);
-  const float last = kept(floorf((right - 0.5f) / kTile), -1.0f, count - 1.0f);
+  const auto count = static_cast<float>((view.width + kPixels - 1) / kPixels);
+  const float first = kept(ceilf((left - (kSide - 0.5f)) / kSide), 0.0f, count);
+  const float last = kept(floorf((right - 0.5f) / kSide), -1.0f, count - 1.0f);
   const int n = static_cast<int>(last) - static_cast<int>(first) + 1;
   return {static_cast<int>(first), n > 0 ? n : 0};
 }
 
-// Least -log2 of falloff on the segment where one offset is `fixed` and the other in [low, high],
-// less the rounding error that the blend may make there (raster_bin.cpp).
-__device__ inline float edge_minimum(float across, float cross, float along, float fixed, float low,
-                                     float high) {
-  const float best = __fdividef(-0.5f * cross * fixed, along);
-  const float free = kept(best, low, high);
-  const float a = across * fixed * fixed, b = along * free * free, c = cross * fixed * free;
-  return a + b + c - 1e-6f * (a + b + fabsf(c));
+// Which quarters of a row of tiles are met: of its upper and of its lower half. Which tiles of a
+// row of squares of 2 x 2 are, alike.
+struct Cells {
+  Span upper, lower;
+};
+
+// The tiles, or squares, that have a quarter, or tile, that is met.
+__device__ inline Span wholes_of(const Cells& cells) {
+  const Span a = cells.upper.count > 0 ? cells.upper : cells.lower;
+  const Span b = cells.lower.count > 0 ? cells.lower : a;
+  const int first = min(a.first, b.first) / 2;
+  const int end = (max(a.first + a.count, b.first + b.count) + 1) / 2;
+  return {first, a.count > 0 ? end - first : 0};
 }
 
-// Whether any point of the rectangle [x0,x1] x [y0,y1] of pixel centres lies in the ellipse.
-__device__ inline bool meets(const Quad& q, float x0, float x1, float y0, float y1) {
-  x0 -= q.a.x;
-  x1 -= q.a.x;
-  y0 -= q.a.y;
-  y1 -= q.a.y;
-  const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
-  if (in_x && in_y) return true;
-  const float limit = q.b.y - kLog2Threshold + kLimitSlack;
-  const float xx = -q.a.z, xy = -q.a.w, yy = -q.b.x;
-  // A convex form is least on an edge that faces its centre.
-  if (!in_x && edge_minimum(xx, xy, yy, x0 > 0.0f ? x0 : x1, y0, y1) <= limit) return true;
-  return !in_y && edge_minimum(yy, xy, xx, y0 > 0.0f ? y0 : y1, x0, x1) <= limit;
+// Which of the four of one of them are met: bit x + 2 y.
+__device__ inline std::uint32_t met_of(const Cells& cells, int whole) {
+  const int left = 2 * whole, right = left + 1;
+  return (has(cells.upper, left) ? 1u : 0u) | (has(cells.upper, right) ? 2u : 0u) |
+         (has(cells.lower, left) ? 4u : 0u) | (has(cells.lower, right) ? 8u : 0u);
+}
+
+// The squares of 2 x 2 tiles of a row of them that are drawn at full resolution: as
+// math::beyond_fovea tells. The roundings are given, for the list and the blend must agree on each.
+__device__ inline Span sharp_squares(const ViewInput& view, int row) {
+  constexpr float kSquare = math::kFoveaSquare;
+  const float top = static_cast<float>(row) * kSquare;
+  const float dy = fmaxf(0.0f, fmaxf(top - view.fovea.y, (view.fovea.y - top) - kSquare));
+  const float radius = view.fovea_radius;
+  const float rest = __fsub_rn(__fmul_rn(radius, radius), __fmul_rn(dy, dy));
+  if (!(rest >= 0.0f)) return {0, 0};
+  const float reach = __fsqrt_rn(rest);
+  const auto count = static_cast<float>((view.tiles_x + 1) / 2);
+  const float first = ceilf(__fsub_rn(view.fovea.x - kSquare, reach) / kSquare);
+  const float last = floorf(__fadd_rn(view.fovea.x, reach) / kSquare);
+  const int begin = static_cast<int>(kept(first, 0.0f, count));
+  const int end = static_cast<int>(kept(last, -1.0f, count - 1.0f)) + 1;
+  return {begin, max(end - begin, 0)};
 }
 
 }  // namespace stgs::player::cuda

@@ -171,7 +171,7 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Tell
   STGS_TRY(told(kProject));
   launch_depth_sort(w, grids, stream);
   STGS_TRY(told(kDepthSort));
-  launch_list(input, w, grids, stream);
+  launch_list(now_.fovea, input, w, grids, stream);
   STGS_TRY(told(kList));
   launch_tile_sort(w, grids, stream);
   STGS_TRY(told(kTileSort));

@@ -24,7 +24,7 @@ cudaError_t resident_blocks(Kernel kernel, int threads, unsigned& blocks) {
 // Each next to the kernel that it is of.
 cudaError_t select_grid(unsigned& blocks);
 cudaError_t project_grids(int sh_degree, unsigned& one, unsigned& several);
-cudaError_t list_grid(unsigned& blocks);
+cudaError_t list_grids(unsigned& plain, unsigned& fovea);
 cudaError_t sort_grids(unsigned& depth, unsigned& tile, unsigned& ranges);
 
 }  // namespace stgs::player::cuda

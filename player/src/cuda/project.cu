@@ -162,7 +162,7 @@ __global__ void __launch_bounds__(kChunk, 3) project(const FrameInput* input, co
         const std::uint32_t key = __float_as_uint(splats[v].depth);
         store_splat(splats[v], w.splats + to);
         w.depth_keys[0][to] = key;
-        w.depth_order[0][to] = to | v << kViewShift;
+        w.depth_order[0][to] = to | v << kSplatBits;
         for (int p = 0; p < kDepthPasses; ++p) atomicAdd(&digits[p][key >> 8 * p & 0xFFu], 1u);
         ++to;
       }
