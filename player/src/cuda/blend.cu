@@ -11,14 +11,14 @@
 namespace stgs::player::cuda {
 namespace {
 
-using math::kAlphaMax;
 using math::kTransmittanceMin;
 
 constexpr int kWarps = 4;
-constexpr int kSide = kQuarterPixels;            // pixels of a warp, width and height
-constexpr int kEach = kSide * kSide / 32;        // pixels of a lane, below each other
-constexpr int kStep = kSide / kEach;             // rows between them
-constexpr float kLog2AlphaMax = -0.0144995697f;  // log2(kAlphaMax)
+constexpr int kSide = kQuarterPixels;      // pixels of a warp, width and height
+constexpr int kEach = kSide * kSide / 32;  // pixels of a lane, below each other
+constexpr int kStep = kSide / kEach;       // rows between them
+// A little above log2(kAlphaMax): whatever ex2 rounds, two such splats end a pixel, as kAlphaMax's.
+constexpr float kLog2AlphaMax = -0.014499f;
 
 __device__ float exp2_fast(float x) {
 #ifdef __CUDA_ARCH__
@@ -137,8 +137,9 @@ __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& 
   if (right && below) write_pixel(pixel, x + 1, y + 1, view);
 }
 
-// Of squares at half resolution some have lists of thousands. They go first, in a layer of the grid
-// of their own: begun late, one would keep the frame waiting.
+// Where there are foveae, some squares at half resolution have lists of thousands. Lists longer
+// than this go first, in a layer of the grid of their own: begun late, one would keep the frame
+// waiting.
 constexpr std::uint32_t kLong = 1024;
 
 template <bool kCount, bool kFovea>
@@ -168,7 +169,7 @@ __global__ void __launch_bounds__(kWarps * 32)
   const auto load = [&](std::uint32_t number) {
     Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
     if (kFovea && patch.halved) s = halved(s);
-    s.b.z = fminf(s.b.y, kLog2AlphaMax);
+    s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // the extents are not needed; NaN stays
     return s;
   };
   unsigned evaluations = 0, contributions = 0;  // of the lane, where they are counted

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which tiles a splat's ellipse meets, and which quarters of them. All of it may only err towards
-// meeting: what is listed where it is not seen costs time, what is missing is wrong.
+// Which tiles a splat's ellipse meets, and which quarters of them. It may err towards meeting: what
+// is listed where it is not seen costs time. What is missing is wrong, but for pixels where the
+// rounded alpha alone reaches the threshold.
 #pragma once
 
 #include "cuda/draw.h"
@@ -33,7 +34,7 @@ struct Footprint {
   int view;
 };
 
-__device__ inline float kept(float x, float low, float high) {
+__device__ inline float clamped(float x, float low, float high) {
   return fminf(fmaxf(x, low), high);
 }
 
@@ -58,8 +59,8 @@ __device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const
   const auto count = static_cast<float>((view.height + kRowPixels - 1) / kRowPixels);
   const float first = ceilf((s.y - s.extent_y - slack - (kSide - 0.5f)) / kSide);
   const float last = floorf((s.y + s.extent_y + slack - 0.5f) / kSide);
-  f.row = static_cast<int>(kept(first, 0.0f, count));
-  f.rows = static_cast<int>(kept(last, -1.0f, count - 1.0f)) - f.row + 1;
+  f.row = static_cast<int>(clamped(first, 0.0f, count));
+  f.rows = static_cast<int>(clamped(last, -1.0f, count - 1.0f)) - f.row + 1;
   if (f.rows < 0) f.rows = 0;
   return f;
 }
@@ -78,25 +79,31 @@ __device__ inline bool has(Span span, int i) {
   return static_cast<unsigned>(i - span.first) < static_cast<unsigned>(span.count);
 }
 
-// The squares of kPixels (tiles, quarters) that the ellipse meets in a row of them.
+// sqrt(1 - v^2); 1e-6 for the rounding of v, which counts most near the ends.
+__device__ inline float half_width(float v) {
+  return __fsqrt_rn(__fadd_rn(fmaxf(__fmaf_rn(-v, v, 1.0f), 0.0f), 1e-6f));
+}
+
+// The squares of kPixels (tiles, quarters) that the ellipse meets in a row of them. The roundings
+// are given: what is counted and what is listed must be the same, wherever this is compiled to.
 template <int kPixels>
 __device__ inline Span span_of(const Footprint& f, int row, const ViewInput& view) {
   constexpr float kSide = kPixels;
   const float top = static_cast<float>(row) * kSide + 0.5f;
   const float bottom = fminf(top + (kSide - 1.0f), static_cast<float>(view.height) - 0.5f);
-  const float above = (top - f.y) * f.per_height, below = (bottom - f.y) * f.per_height;
-  const float beyond = 1.0f + f.slack * f.per_height;
+  const float above = __fmul_rn(__fsub_rn(top, f.y), f.per_height);
+  const float below = __fmul_rn(__fsub_rn(bottom, f.y), f.per_height);
+  const float beyond = __fmaf_rn(f.slack, f.per_height, 1.0f);
   if (bottom < top || above > beyond || below < -beyond) return {0, 0};
-  const float low = kept(above, -1.0f, 1.0f), high = kept(below, -1.0f, 1.0f);
-  const float at_right = kept(f.top, low, high), at_left = kept(-f.top, low, high);
-  // 1e-6 for the rounding of v, which counts most near the ends.
-  const float right = f.x + f.slope * at_right +
-                      f.width * sqrtf(fmaxf(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
-  const float left = f.x + f.slope * at_left -
-                     f.width * sqrtf(fmaxf(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
+  const float low = clamped(above, -1.0f, 1.0f), high = clamped(below, -1.0f, 1.0f);
+  const float at_right = clamped(f.top, low, high), at_left = clamped(-f.top, low, high);
+  const float right = __fadd_rn(
+      __fmaf_rn(f.width, half_width(at_right), __fmaf_rn(f.slope, at_right, f.x)), f.slack);
+  const float left = __fsub_rn(
+      __fmaf_rn(-f.width, half_width(at_left), __fmaf_rn(f.slope, at_left, f.x)), f.slack);
   const auto count = static_cast<float>((view.width + kPixels - 1) / kPixels);
-  const float first = kept(ceilf((left - (kSide - 0.5f)) / kSide), 0.0f, count);
-  const float last = kept(floorf((right - 0.5f) / kSide), -1.0f, count - 1.0f);
+  const float first = clamped(ceilf((left - (kSide - 0.5f)) / kSide), 0.0f, count);
+  const float last = clamped(floorf((right - 0.5f) / kSide), -1.0f, count - 1.0f);
   const int n = static_cast<int>(last) - static_cast<int>(first) + 1;
   return {static_cast<int>(first), n > 0 ? n : 0};
 }
@@ -136,8 +143,8 @@ __device__ inline Span sharp_squares(const ViewInput& view, int row) {
   const auto count = static_cast<float>((view.tiles_x + 1) / 2);
   const float first = ceilf(__fsub_rn(view.fovea.x - kSquare, reach) / kSquare);
   const float last = floorf(__fadd_rn(view.fovea.x, reach) / kSquare);
-  const int begin = static_cast<int>(kept(first, 0.0f, count));
-  const int end = static_cast<int>(kept(last, -1.0f, count - 1.0f)) + 1;
+  const int begin = static_cast<int>(clamped(first, 0.0f, count));
+  const int end = static_cast<int>(clamped(last, -1.0f, count - 1.0f)) + 1;
   return {begin, max(end - begin, 0)};
 }
 

@@ -35,6 +35,7 @@ std::size_t lay_out_cleared(Layout layout, const FrameNeed& need, Workspace& w) 
   layout.take(w.tile_digits, std::size_t{kMostPasses} * kDigits);
   layout.take(w.select_told, (need.chunks + kSelectChunks - 1) / kSelectChunks);
   layout.take(w.project_told, need.chunks);
+  // At least the chunks of list.cu.
   layout.take(w.list_told, kNearChunks + (need.splats + kListSplats - 1) / kListSplats);
   for (int p = 0; p < kDepthPasses; ++p) {
     layout.take(w.sort_told[p], kDigits * sort_tiles(need.splats));

@@ -13,8 +13,8 @@ constexpr double kCovariance = sizeof(float4) + sizeof(float2);
 constexpr double kSplat = sizeof(ScreenSplat), kPixel = 5 * sizeof(float);
 
 // Instructions that blend.cu's arithmetic takes: 5 a pixel at which a splat is evaluated and 4 that
-// two pixels share; 10 where it contributes, the exponential among them.
-constexpr double kEvaluation = 5 + 4.0 / 2, kContribution = 10;
+// two pixels share; 8 where it contributes, the exponential among them.
+constexpr double kEvaluation = 5 + 4.0 / 2, kContribution = 8;
 
 // Lanes for floats of a multiprocessor.
 int lanes_of(int major, int minor) {

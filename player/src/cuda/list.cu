@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kThreads = 256, kWarps = kThreads / 32;
 static_assert(kListSplats <= kThreads && kNearSplats <= kListSplats);
-// Rows of a chunk whose quarters are kept from counting to listing; those of others are found
+// Rows of a chunk whose cells are kept from counting to listing; those of others are found
 // again.
 constexpr std::uint32_t kKept = 1024;
 // Instances of a chunk that go through shared memory, from where they are written in order.
@@ -47,7 +47,7 @@ struct Row {
 struct RowTiles {
   Row row;
   Cells met;         // of its tiles the quarters; of its squares the tiles
-  Span tiles[2];     // one after the other, of one line or two
+  Span tiles[2];     // of its line; of a square's two lines those at full resolution
   Span left, right;  // squares at half resolution to either side of them
   __device__ std::uint32_t count() const {
     return static_cast<std::uint32_t>(tiles[0].count + tiles[1].count + left.count + right.count);
@@ -223,6 +223,7 @@ __device__ void list_chunk(ListShared& s, const Workspace& w, std::uint32_t rows
 
 template <bool kFovea>
 __global__ void __launch_bounds__(kThreads) list_tiles(const FrameInput* input, const Workspace w) {
+  constexpr int kRowPixels = kFovea ? math::kFoveaSquare : kTilePixels;
   __shared__ ListShared s;
   load_frame(input, s.frame);
   for (int p = 0; p < kMostPasses; ++p) s.digits[p][threadIdx.x] = 0;
@@ -231,8 +232,7 @@ __global__ void __launch_bounds__(kThreads) list_tiles(const FrameInput* input, 
     if (threadIdx.x == 0) s.chunk = atomicAdd(&w.counters->list_ticket, 1u);
     __syncthreads();
     if (chunk_begin(s.chunk) >= visible) break;
-    const std::uint32_t rows =
-        load_chunk < kFovea ? math::kFoveaSquare : kTilePixels > (s, w, visible);
+    const std::uint32_t rows = load_chunk<kRowPixels>(s, w, visible);
     const std::uint32_t total = count_tiles<kFovea>(s, rows);
     if (threadIdx.x < 32) {
       const Told found = sum_before(w.list_told, s.chunk, total);

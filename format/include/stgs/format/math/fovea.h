@@ -30,7 +30,7 @@ struct HalvedSplat {
 // and what it covers in all stays.
 STGS_FN HalvedSplat halved_splat(Sym2 conic) {
   float more = 0.25f;
-  float det = conic.xx * conic.yy - conic.xy * conic.xy;
+  float det = larger(0.0f, conic.xx * conic.yy - conic.xy * conic.xy);  // of long ones rounded away
   float shrink = 1.0f / (1.0f + more * (conic.xx + conic.yy) + more * more * det);
   HalvedSplat out_splat;
   out_splat.conic.xx = 4.0f * shrink * (conic.xx + more * det);
