@@ -3,7 +3,11 @@
 // in the order of depth then, which the stable sort by tile keeps. The nearest are listed where not
 // all fit.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
+#if STGS_BALLOT
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#endif
 #include "frame.glsl"
 
 // After frame.glsl, on which they build.
@@ -46,7 +50,7 @@ void put(bool staged, uint first, uint end, uint to, uint tile, uint of) {
 }
 
 void main() {
-  uint thread = gl_LocalInvocationIndex, group = group_number();
+  uint thread = thread_number(), group = group_number();
   if (group * kGroup >= visible) return;
   uint first = place_of(group);
   uint end = (group + 1u) * kGroup < visible ? place_of(group + 1u) : instances;

@@ -1,13 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums over the invocations of a workgroup, through shared memory: whatever the subgroups' size.
-
-shared uint scan_values[kGroup];
+// Sums over the invocations of a workgroup, which all call it, through its subgroups where they
+// are known (STGS_BALLOT), else through shared memory alone. After frame.glsl, on which it builds.
 
 uint added(uint a, uint b) {
   return min(a + b, kManyInstances);
 }
 
+#if STGS_BALLOT
+
+layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
+const uint kSubgroups = kGroup / kLanes;
+
+shared uint scan_totals[2u * kSubgroups];
+uint scan_half = 0u;  // of the totals, in turn: what one sum still reads, the next does not write
+
+// The invocation's number: successive in a subgroup.
+uint thread_number() {
+  return gl_SubgroupID * kLanes + gl_SubgroupInvocationID;
+}
+
 // The sum of the values of the invocations before; `total` is that of all.
+uint sum_before(uint thread, uint value, out uint total) {
+  uint lane = thread % kLanes, subgroup = thread / kLanes;
+  // By shuffles, for sums that stop at a limit: subgroupInclusiveAdd would overflow.
+  uint upto = value;
+  [[unroll]] for (uint distance = 1u; distance < kLanes; distance *= 2u) {
+    uint other = subgroupShuffleUp(upto, distance);
+    upto = lane >= distance ? added(upto, other) : upto;
+  }
+  uint before = subgroupShuffleUp(upto, 1u);
+  if (lane == 0u) before = 0u;
+  if (lane == kLanes - 1u) scan_totals[scan_half + subgroup] = upto;
+  barrier();
+  uint all = 0u;
+  [[unroll]] for (uint k = 0u; k < kSubgroups; ++k) {
+    if (k == subgroup) before = added(before, all);
+    all = added(all, scan_totals[scan_half + k]);
+  }
+  scan_half = kSubgroups - scan_half;
+  total = all;
+  return before;
+}
+
+#else
+
+shared uint scan_values[kGroup];
+
+uint thread_number() {
+  return gl_LocalInvocationIndex;
+}
+
 uint sum_before(uint thread, uint value, out uint total) {
   scan_values[thread] = value;
   barrier();
@@ -22,3 +64,5 @@ uint sum_before(uint thread, uint value, out uint total) {
   barrier();
   return before;
 }
+
+#endif

@@ -2,14 +2,18 @@
 // A workgroup a digit: replaces its numbers of keys in the sort's workgroups by the sums before
 // them, and tells how many keys have it in all.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
+#if STGS_BALLOT
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#endif
 #include "frame.glsl"
 #include "scan.glsl"
 
 layout(local_size_x = 256) in;
 
 void main() {
-  uint thread = gl_LocalInvocationIndex, digit = gl_WorkGroupID.x;
+  uint thread = thread_number(), digit = gl_WorkGroupID.x;
   uint groups = (work[push.work].w + kSortTile - 1u) / kSortTile;
   uint all = 0u;
   for (uint first = 0u; first < groups; first += kGroup) {

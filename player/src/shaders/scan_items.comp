@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Replaces numbers by the sums before them, kScanTile at a time, whose totals it writes.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
+#if STGS_BALLOT
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#endif
 #include "frame.glsl"
 #include "scan.glsl"
 
@@ -16,9 +20,9 @@ layout(std430, set = 1, binding = 1) writeonly buffer SumBuffer {
 const uint kEach = kScanTile / kGroup;
 
 void main() {
-  uint n = work[push.work].w, group = group_number();
+  uint n = work[push.work].w, group = group_number(), thread = thread_number();
   if (group * kScanTile >= n) return;
-  uint first = group * kScanTile + gl_LocalInvocationIndex * kEach;
+  uint first = group * kScanTile + thread * kEach;
   uint own[kEach];
   uint sum = 0u;
   for (uint k = 0u; k < kEach; ++k) {
@@ -27,9 +31,9 @@ void main() {
     sum = added(sum, min(item, kManyInstances));
   }
   uint total;
-  uint before = sum_before(gl_LocalInvocationIndex, sum, total);
+  uint before = sum_before(thread, sum, total);
   for (uint k = 0u; k < kEach; ++k) {
     if (first + k < n) items[first + k] = added(before, own[k]);
   }
-  if (gl_LocalInvocationIndex == 0u) sums[group] = total;
+  if (thread == 0u) sums[group] = total;
 }

@@ -2,7 +2,11 @@
 // One workgroup: replaces the totals of scan_items by the sums before them, and plans the work that
 // depends on the total of all.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
+#if STGS_BALLOT
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#endif
 #include "frame.glsl"
 #include "scan.glsl"
 
@@ -33,7 +37,7 @@ void plan_instances(uint count) {
 }
 
 void main() {
-  uint thread = gl_LocalInvocationIndex;
+  uint thread = thread_number();
   uint n = (work[push.work].w + kScanTile - 1u) / kScanTile;
   uint all = 0u;
   for (uint first = 0u; first < n; first += kGroup) {

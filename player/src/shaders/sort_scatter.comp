@@ -6,6 +6,7 @@
 #extension GL_GOOGLE_include_directive : require
 #if STGS_BALLOT
 #extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
 #endif
 #include "frame.glsl"
 #include "scan.glsl"
@@ -24,9 +25,7 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
   uint values_out[];
 };
 
-#if STGS_BALLOT
-layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
-#else
+#if !STGS_BALLOT
 const uint kLanes = 32u;  // bits of a word
 #endif
 const uint kWords = kGroup / kLanes;
@@ -37,9 +36,6 @@ shared uint having[kDigits * kWords];
 shared uint places[kDigits];  // of the next key with the digit
 
 #if STGS_BALLOT
-uint thread_number() {
-  return gl_SubgroupID * kLanes + gl_SubgroupInvocationID;
-}
 // The word of a digit: all lanes that have it write the same.
 void tell(uint digit, bool there, uint thread) {
   uint same = subgroupBallot(there).x;
@@ -51,9 +47,6 @@ void tell(uint digit, bool there, uint thread) {
   if (there) having[digit * kWords + thread / kLanes] = same;
 }
 #else
-uint thread_number() {
-  return gl_LocalInvocationIndex;
-}
 void tell(uint digit, bool there, uint thread) {
   if (there) atomicOr(having[digit * kWords + thread / kLanes], 1u << (thread % kLanes));
 }

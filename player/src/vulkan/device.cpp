@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
-constexpr std::uint32_t kBallotSharedBytes = 18432;  // of sort_scatter.comp with 16 lanes
+constexpr std::uint32_t kBallotSharedBytes = 18560;  // of sort_scatter.comp with 16 lanes
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 // How long a frame is looked for before its interrupt is waited for: longer than most take.
 constexpr std::chrono::milliseconds kLookedFor{4};
@@ -286,8 +286,10 @@ void Device::learn_limits() {
       std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
   if (settings_.range_bytes > 0) most_range_ = std::min(most_range_, settings_.range_bytes);
   const std::uint32_t lanes = fixed_subgroups(context_.physical_device);
+  constexpr VkSubgroupFeatureFlags kOperations =
+      VK_SUBGROUP_FEATURE_BALLOT_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_RELATIVE_BIT;
   const bool ballot = (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) != 0 &&
-                      (subgroups.supportedOperations & VK_SUBGROUP_FEATURE_BALLOT_BIT) != 0 &&
+                      (subgroups.supportedOperations & kOperations) == kOperations &&
                       (lanes == 16 || lanes == 32) &&
                       limits.maxComputeSharedMemorySize >= kBallotSharedBytes;
   ballot_lanes_ = ballot && settings_.ballot ? lanes : 0;

@@ -15,11 +15,20 @@ constexpr std::uint32_t kProjectCode[] = {
 constexpr std::uint32_t kScanItemsCode[] = {
 #include "scan_items.spv.inc"
 };
+constexpr std::uint32_t kScanItemsBallotCode[] = {
+#include "scan_items_ballot.spv.inc"
+};
 constexpr std::uint32_t kScanSumsCode[] = {
 #include "scan_sums.spv.inc"
 };
+constexpr std::uint32_t kScanSumsBallotCode[] = {
+#include "scan_sums_ballot.spv.inc"
+};
 constexpr std::uint32_t kScanDigitsCode[] = {
 #include "scan_digits.spv.inc"
+};
+constexpr std::uint32_t kScanDigitsBallotCode[] = {
+#include "scan_digits_ballot.spv.inc"
 };
 constexpr std::uint32_t kCompactCode[] = {
 #include "compact.spv.inc"
@@ -36,8 +45,14 @@ constexpr std::uint32_t kSortScatterBallotCode[] = {
 constexpr std::uint32_t kCountTilesCode[] = {
 #include "count_tiles.spv.inc"
 };
+constexpr std::uint32_t kCountTilesBallotCode[] = {
+#include "count_tiles_ballot.spv.inc"
+};
 constexpr std::uint32_t kListTilesCode[] = {
 #include "list_tiles.spv.inc"
+};
+constexpr std::uint32_t kListTilesBallotCode[] = {
+#include "list_tiles_ballot.spv.inc"
 };
 constexpr std::uint32_t kFindRangesCode[] = {
 #include "find_ranges.spv.inc"
@@ -51,33 +66,35 @@ constexpr std::uint32_t kBlendBallotCode[] = {
 
 constexpr std::uint32_t kQuarters = 4;  // of a tile, a subgroup each, in blend_ballot.comp
 
-std::span<const std::uint32_t> code_of(Shader shader, bool ballot) {
+struct Code {
+  std::span<const std::uint32_t> anywhere, ballot;  // for any subgroups; where they are known
+};
+
+Code code_of(Shader shader) {
   switch (shader) {
     case Shader::kProject:
     case Shader::kProjectSeveral:
-      return kProjectCode;
+      return {kProjectCode, kProjectCode};
     case Shader::kScanItems:
-      return kScanItemsCode;
+      return {kScanItemsCode, kScanItemsBallotCode};
     case Shader::kScanSums:
-      return kScanSumsCode;
+      return {kScanSumsCode, kScanSumsBallotCode};
     case Shader::kScanDigits:
-      return kScanDigitsCode;
+      return {kScanDigitsCode, kScanDigitsBallotCode};
     case Shader::kCompact:
-      return kCompactCode;
+      return {kCompactCode, kCompactCode};
     case Shader::kSortCount:
-      return kSortCountCode;
+      return {kSortCountCode, kSortCountCode};
     case Shader::kSortScatter:
-      if (ballot) return kSortScatterBallotCode;
-      return kSortScatterCode;
+      return {kSortScatterCode, kSortScatterBallotCode};
     case Shader::kCountTiles:
-      return kCountTilesCode;
+      return {kCountTilesCode, kCountTilesBallotCode};
     case Shader::kListTiles:
-      return kListTilesCode;
+      return {kListTilesCode, kListTilesBallotCode};
     case Shader::kFindRanges:
-      return kFindRangesCode;
+      return {kFindRangesCode, kFindRangesCode};
     default:
-      if (ballot) return kBlendBallotCode;
-      return kBlendCode;
+      return {kBlendCode, kBlendBallotCode};
   }
 }
 
@@ -136,7 +153,8 @@ Status Pipelines::make_layout(const Device& device) {
 
 Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const {
   const std::uint32_t lanes = device.ballot_lanes();
-  const std::span<const std::uint32_t> code = code_of(shader, lanes != 0);
+  const Code codes = code_of(shader);
+  const std::span<const std::uint32_t> code = lanes != 0 ? codes.ballot : codes.anywhere;
   auto module_info =
       structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
   module_info.codeSize = code.size_bytes();
