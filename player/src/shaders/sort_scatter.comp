@@ -4,10 +4,6 @@
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
-#if STGS_BALLOT
-#extension GL_KHR_shader_subgroup_ballot : require
-#extension GL_KHR_shader_subgroup_shuffle_relative : require
-#endif
 #include "frame.glsl"
 #include "scan.glsl"
 
@@ -25,32 +21,13 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
   uint values_out[];
 };
 
-#if !STGS_BALLOT
-const uint kLanes = 32u;  // bits of a word
-#endif
-const uint kWords = kGroup / kLanes;
+const uint kBits = 32u;  // bits of a word
+const uint kWords = kGroup / kBits;
 const uint kEach = kSortTile / kGroup;  // keys of an invocation
 
 // Of the keys that are moved at once, a bit each where it has the digit.
 shared uint having[kDigits * kWords];
 shared uint places[kDigits];  // of the next key with the digit
-
-#if STGS_BALLOT
-// The word of a digit: all lanes that have it write the same.
-void tell(uint digit, bool there, uint thread) {
-  uint same = subgroupBallot(there).x;
-  for (uint bit = 0u; bit < 8u; ++bit) {
-    bool set = (digit >> bit & 1u) != 0u;
-    uint ones = subgroupBallot(set).x;
-    same &= set ? ones : ~ones;
-  }
-  if (there) having[digit * kWords + thread / kLanes] = same;
-}
-#else
-void tell(uint digit, bool there, uint thread) {
-  if (there) atomicOr(having[digit * kWords + thread / kLanes], 1u << (thread % kLanes));
-}
-#endif
 
 void main() {
   uint n = work[push.work].w, group = group_number(), thread = thread_number();
@@ -72,13 +49,13 @@ void main() {
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     bool there = first + k * kGroup + thread < n;
     uint key = own_keys[k], digit = key >> push.shift & (kDigits - 1u);
-    tell(digit, there, thread);
+    if (there) atomicOr(having[digit * kWords + thread / kBits], 1u << (thread % kBits));
     barrier();
     if (there) {
-      uint word = thread / kLanes;
+      uint word = thread / kBits;
       uint to = places[digit];
       for (uint w = 0u; w < word; ++w) to += uint(bitCount(having[digit * kWords + w]));
-      to += uint(bitCount(having[digit * kWords + word] & ((1u << (thread % kLanes)) - 1u)));
+      to += uint(bitCount(having[digit * kWords + word] & ((1u << (thread % kBits)) - 1u)));
       keys_out[to] = key;
       values_out[to] = own_values[k];
     }

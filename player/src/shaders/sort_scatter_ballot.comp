@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// sort_scatter.comp where subgroups are known: each ranks successive keys by itself, as the passes
+// of CUDA's sort do (radix_sort.cuh).
+#version 450
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#include "frame.glsl"
+#include "scan.glsl"
+
+layout(local_size_x = 256) in;
+layout(std430, set = 1, binding = 0) readonly buffer KeyBuffer {
+  uint keys[];
+};
+layout(std430, set = 1, binding = 1) readonly buffer ValueBuffer {
+  uint values[];
+};
+layout(std430, set = 1, binding = 2) writeonly buffer KeyOutBuffer {
+  uint keys_out[];
+};
+layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
+  uint values_out[];
+};
+
+const uint kEach = kSortTile / kGroup;  // keys of an invocation
+
+// Of a subgroup and a digit: how many of its keys have it so far; then where the first of them
+// goes.
+shared uint counts[kSubgroups * kDigits];
+
+uint digit_of(uint key) {
+  return key >> push.shift & (kDigits - 1u);
+}
+
+// Lanes with the same digit.
+uint lanes_alike(uint digit) {
+  uint alike = ~0u >> (32u - kLanes);
+  [[unroll]] for (uint bit = 0u; bit < 8u; ++bit) {
+    bool set = (digit >> bit & 1u) != 0u;
+    uint with = subgroupBallot(set).x;
+    alike &= set ? with : ~with;
+  }
+  return alike;
+}
+
+void main() {
+  uint n = work[push.work].w, group = group_number(), thread = thread_number();
+  uint first = group * kSortTile;
+  if (first >= n) return;
+  uint groups = (n + kSortTile - 1u) / kSortTile;
+  uint lane = thread % kLanes, own = thread / kLanes * kDigits;
+  // A subgroup has successive keys, so that equal ones keep their order. Those that are not there
+  // come last of all, whatever is counted of them. All are asked for at once: what is waited for is
+  // memory.
+  uint begin = first + thread / kLanes * kLanes * kEach + lane;
+  uint own_keys[kEach], own_values[kEach];
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uint i = begin + k * kLanes;
+    own_keys[k] = i < n ? keys[i] : ~0u;
+    own_values[k] = i < n ? values[i] : 0u;
+  }
+  uint place = digit_places[thread * groups + group], digit_sum = digit_sums[thread];
+  for (uint digit = lane; digit < kDigits; digit += kLanes) counts[own + digit] = 0u;
+  uint alike[kEach], ranks[kEach];  // lanes; places among the subgroup's keys with the digit
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) alike[k] = lanes_alike(digit_of(own_keys[k]));
+  subgroupBarrier();
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uint at = own + digit_of(own_keys[k]), before = counts[at];
+    uint below = uint(bitCount(alike[k] & ((1u << lane) - 1u)));
+    subgroupBarrier();
+    if (below == 0u) counts[at] = before + uint(bitCount(alike[k]));
+    subgroupBarrier();
+    ranks[k] = before + below;
+  }
+  uint total;
+  place += sum_before(thread, digit_sum, total);
+  // All have counted: sum_before waits for them.
+  [[unroll]] for (uint k = 0u; k < kSubgroups; ++k) {
+    uint count = counts[k * kDigits + thread];
+    counts[k * kDigits + thread] = place;
+    place += count;
+  }
+  barrier();
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    if (begin + k * kLanes < n) {
+      uint to = counts[own + digit_of(own_keys[k])] + ranks[k];
+      keys_out[to] = own_keys[k];
+      values_out[to] = own_values[k];
+    }
+  }
+}
