@@ -25,9 +25,11 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
 
 const uint kEach = kSortTile / kGroup;  // keys of an invocation
 
-// Of a subgroup and a digit: how many of its keys have it so far; then where the first of them
-// goes.
-shared uint counts[kSubgroups * kDigits];
+// First how many keys each subgroup has of each digit, then those of its keys that come before;
+// at last the workgroup's keys and their values, sorted, from where they are written side by side.
+shared uint words[2u * kSortTile];
+shared uint starts[kDigits];  // of a digit's keys in the workgroup
+shared uint shifts[kDigits];  // from a place in the workgroup to that among all keys
 
 uint digit_of(uint key) {
   return key >> push.shift & (kDigits - 1u);
@@ -60,33 +62,47 @@ void main() {
     own_keys[k] = i < n ? keys[i] : ~0u;
     own_values[k] = i < n ? values[i] : 0u;
   }
-  uint place = digit_places[thread * groups + group], digit_sum = digit_sums[thread];
-  for (uint digit = lane; digit < kDigits; digit += kLanes) counts[own + digit] = 0u;
+  uint begins = digit_places[thread * groups + group], digit_sum = digit_sums[thread];
+  for (uint digit = lane; digit < kDigits; digit += kLanes) words[own + digit] = 0u;
   uint alike[kEach], ranks[kEach];  // lanes; places among the subgroup's keys with the digit
   [[unroll]] for (uint k = 0u; k < kEach; ++k) alike[k] = lanes_alike(digit_of(own_keys[k]));
   subgroupBarrier();
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
-    uint at = own + digit_of(own_keys[k]), before = counts[at];
+    uint at = own + digit_of(own_keys[k]), before = words[at];
     uint below = uint(bitCount(alike[k] & ((1u << lane) - 1u)));
     subgroupBarrier();
-    if (below == 0u) counts[at] = before + uint(bitCount(alike[k]));
+    if (below == 0u) words[at] = before + uint(bitCount(alike[k]));
     subgroupBarrier();
     ranks[k] = before + below;
   }
-  uint total;
-  place += sum_before(thread, digit_sum, total);
-  // All have counted: sum_before waits for them.
+  // sum_before waits for all, which have counted then.
+  uint total, sum = 0u;
+  begins += sum_before(thread, digit_sum, total);
   [[unroll]] for (uint k = 0u; k < kSubgroups; ++k) {
-    uint count = counts[k * kDigits + thread];
-    counts[k * kDigits + thread] = place;
-    place += count;
+    uint count = words[k * kDigits + thread];
+    words[k * kDigits + thread] = sum;
+    sum += count;
+  }
+  uint start = sum_before(thread, sum, total);
+  starts[thread] = start;
+  shifts[thread] = begins - start;
+  barrier();
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uint digit = digit_of(own_keys[k]);
+    ranks[k] += starts[digit] + words[own + digit];
   }
   barrier();
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
-    if (begin + k * kLanes < n) {
-      uint to = counts[own + digit_of(own_keys[k])] + ranks[k];
-      keys_out[to] = own_keys[k];
-      values_out[to] = own_values[k];
+    words[ranks[k]] = own_keys[k];
+    words[kSortTile + ranks[k]] = own_values[k];
+  }
+  barrier();
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    uint place = k * kGroup + thread;
+    if (first + place < n) {
+      uint key = words[place], to = shifts[digit_of(key)] + place;
+      keys_out[to] = key;
+      values_out[to] = words[kSortTile + place];
     }
   }
 }

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint32_t kStorageBuffers = 21;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
-constexpr std::uint32_t kBallotSharedBytes = 16512;  // of sort_scatter_ballot.comp with 16 lanes
+constexpr std::uint32_t kBallotSharedBytes = 18560;  // of sort_scatter_ballot.comp with 16 lanes
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 // How long a frame is looked for before its interrupt is waited for: longer than most take.
 constexpr std::chrono::milliseconds kLookedFor{4};
