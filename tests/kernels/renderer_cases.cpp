@@ -324,6 +324,31 @@ TEST_CASE("pictures do not depend on runs, variants, or what was drawn before") 
   }
 }
 
+TEST_CASE("splats at equal depths are blended in the order of ids, however many there are") {
+  const auto device = device_renderer(), variant = device_renderer({.variant = true});
+  for (const std::size_t layers : {1, 700}) {
+    Scene scene = plain_scene(12000);
+    std::fill(scene.gaussians.log_scale.begin(), scene.gaussians.log_scale.end(), -3.4f);
+    for (std::size_t i = 0; i < scene.gaussians.size(); ++i) {
+      scene.gaussians.position[3 * i + 2] = 4.0f + 1e-3f * static_cast<float>(i * 7919 % layers);
+    }
+    const auto timeline = timeline_over(scene);
+    for (const int width : {60, 400}) {  // tiles for one and for two passes
+      View view = view_of(width, width / 2 + 7);
+      view.camera.rotation = math::rotation_of({1, 0, 0, 0});  // depths to the bit
+      check_alike(*timeline, 1.0, {view}, *device);
+      CHECK(same(draw(*device, *timeline, 1.0, {view})[0],
+                 draw(*variant, *timeline, 1.0, {view})[0]));
+    }
+  }
+}
+
+TEST_CASE("a picture of more tiles than two digits tell looks like the CPU's", "[large]") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(6000, 0, kFrames, 91));
+  check_alike(*timeline, 1.0, {view_of(32768, 560)}, *device);
+}
+
 TEST_CASE("a frame with more instances than there is room for is drawn again") {
   const auto roomy = device_renderer();
   const auto tight = device_renderer({.instances = 100});
