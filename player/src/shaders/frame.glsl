@@ -40,26 +40,25 @@ layout(std430, set = 0, binding = 8) buffer TileSumBuffer {
 layout(std430, set = 0, binding = 9) buffer RangeBuffer {
   uvec2 tile_ranges[];  // of a tile of the frame: first and last + 1 of its instances
 };
-layout(std430, set = 0, binding = 10) buffer DigitPlaceBuffer {
-  uint digit_places[];
-};
-layout(std430, set = 0, binding = 11) buffer DigitSumBuffer {
-  uint digit_sums[];
+// Rows of kDigits numbers, how many keys have each digit: of the workgroups of a pass of the sort,
+// and then, for each pass, of its super groups.
+layout(std430, set = 0, binding = 10) buffer DigitBuffer {
+  uint digit_counts[];
 };
 // A view's picture, a plane each: of a large one, not all fit a storage buffer together.
-layout(std430, set = 0, binding = 12) writeonly buffer RedBuffer {
+layout(std430, set = 0, binding = 11) writeonly buffer RedBuffer {
   float red_plane[];
 };
-layout(std430, set = 0, binding = 13) writeonly buffer GreenBuffer {
+layout(std430, set = 0, binding = 12) writeonly buffer GreenBuffer {
   float green_plane[];
 };
-layout(std430, set = 0, binding = 14) writeonly buffer BlueBuffer {
+layout(std430, set = 0, binding = 13) writeonly buffer BlueBuffer {
   float blue_plane[];
 };
-layout(std430, set = 0, binding = 15) writeonly buffer AlphaBuffer {
+layout(std430, set = 0, binding = 14) writeonly buffer AlphaBuffer {
   float alpha_plane[];
 };
-layout(std430, set = 0, binding = 16) writeonly buffer DepthBuffer {
+layout(std430, set = 0, binding = 15) writeonly buffer DepthBuffer {
   float depth_plane[];
 };
 

@@ -33,6 +33,14 @@ const uint kMostViews = 4u;    // of a frame
 // Sums stop here, above any count that can be drawn, instead of overflowing.
 const uint kManyInstances = 1u << 30;
 
+// Of `groups` workgroups of the sort, so many at a time are counted together too: about as many as
+// there are such super groups then, which are no more.
+STGS_FN uint super_group_of(uint groups) {
+  uint size = 1u;
+  while (size * size < groups) size *= 2u;
+  return size;
+}
+
 // Successive primitives in a block of memory that are drawn at the same moment of their time.
 struct Part {
   uint at;  // of its data, in units of 16 bytes
@@ -89,6 +97,7 @@ const uint kPixelRgba32 = 5u;
 struct Push {
   uint work;                            // row that says how many items there are
   uint shift;                           // of the sort's digit, bits
+  uint super_rows;                      // of the sort's pass, the first of its super groups
   uint total;                           // what scan_sums does with the total
   uint first_part, part_count, groups;  // of a dispatch over a block
   uint pixels;                          // kPixel...

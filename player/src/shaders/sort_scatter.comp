@@ -5,6 +5,9 @@
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
+
+// After frame.glsl, on which they build.
+#include "digits.glsl"
 #include "scan.glsl"
 
 layout(local_size_x = 256) in;
@@ -34,9 +37,8 @@ void main() {
   uint first = group * kSortTile;
   if (first >= n) return;
   uint groups = (n + kSortTile - 1u) / kSortTile;
-  uint total;
-  places[thread] =
-      digit_places[thread * groups + group] + sum_before(thread, digit_sums[thread], total);
+  uint all, total, before = digits_before(thread, group, groups, all);
+  places[thread] = before + sum_before(thread, all, total);
   for (uint k = 0u; k < kWords; ++k) having[thread * kWords + k] = 0u;
   barrier();
   // All are asked for at once: what is waited for is memory.
@@ -48,7 +50,7 @@ void main() {
   }
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     bool there = first + k * kGroup + thread < n;
-    uint key = own_keys[k], digit = key >> push.shift & (kDigits - 1u);
+    uint key = own_keys[k], digit = digit_of(key);
     if (there) atomicOr(having[digit * kWords + thread / kBits], 1u << (thread % kBits));
     barrier();
     if (there) {

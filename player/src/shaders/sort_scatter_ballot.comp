@@ -7,6 +7,9 @@
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_shuffle_relative : require
 #include "frame.glsl"
+
+// After frame.glsl, on which they build.
+#include "digits.glsl"
 #include "scan.glsl"
 
 layout(local_size_x = 256) in;
@@ -31,21 +34,6 @@ shared uint words[2u * kSortTile];
 shared uint starts[kDigits];  // of a digit's keys in the workgroup
 shared uint shifts[kDigits];  // from a place in the workgroup to that among all keys
 
-uint digit_of(uint key) {
-  return key >> push.shift & (kDigits - 1u);
-}
-
-// Lanes with the same digit.
-uint lanes_alike(uint digit) {
-  uint alike = ~0u >> (32u - kLanes);
-  [[unroll]] for (uint bit = 0u; bit < 8u; ++bit) {
-    bool set = (digit >> bit & 1u) != 0u;
-    uint with = subgroupBallot(set).x;
-    alike &= set ? with : ~with;
-  }
-  return alike;
-}
-
 void main() {
   uint n = work[push.work].w, group = group_number(), thread = thread_number();
   uint first = group * kSortTile;
@@ -62,10 +50,12 @@ void main() {
     own_keys[k] = i < n ? keys[i] : ~0u;
     own_values[k] = i < n ? values[i] : 0u;
   }
-  uint begins = digit_places[thread * groups + group], digit_sum = digit_sums[thread];
+  uint all, begins = digits_before(thread, group, groups, all);
   for (uint digit = lane; digit < kDigits; digit += kLanes) words[own + digit] = 0u;
   uint alike[kEach], ranks[kEach];  // lanes; places among the subgroup's keys with the digit
-  [[unroll]] for (uint k = 0u; k < kEach; ++k) alike[k] = lanes_alike(digit_of(own_keys[k]));
+  [[unroll]] for (uint k = 0u; k < kEach; ++k) {
+    alike[k] = lanes_alike(digit_of(own_keys[k]), ~0u >> (32u - kLanes));
+  }
   subgroupBarrier();
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     uint at = own + digit_of(own_keys[k]), before = words[at];
@@ -77,7 +67,7 @@ void main() {
   }
   // sum_before waits for all, which have counted then.
   uint total, sum = 0u;
-  begins += sum_before(thread, digit_sum, total);
+  begins += sum_before(thread, all, total);
   [[unroll]] for (uint k = 0u; k < kSubgroups; ++k) {
     uint count = words[k * kDigits + thread];
     words[k * kDigits + thread] = sum;

@@ -12,6 +12,15 @@ std::uint64_t ceil_of(std::uint64_t n, std::uint64_t each) {
 
 }  // namespace
 
+DigitRows::DigitRows(std::uint64_t splats, std::uint64_t instances) {
+  const auto groups_of = [](std::uint64_t keys) {
+    return static_cast<std::uint32_t>(ceil_of(keys, kSortTile));
+  };
+  groups = groups_of(std::max(splats, instances));
+  depth = super_group_of(groups_of(splats));
+  tile = super_group_of(groups_of(instances));
+}
+
 std::uint64_t FrameBuffers::most_instances(const Device& device) {
   return std::min(kMaxInstances, device.most_range() / sizeof(std::uint32_t));
 }
@@ -41,9 +50,8 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
   const std::uint64_t instances = std::min(tile_keys[0].bytes(), tile_keys[1].bytes()) / 4;
   for (Buffer& list : tile_splats) STGS_TRY(room(list, instances, 4));
   STGS_TRY(room(tile_ranges, need.tiles, 8));
-  const std::uint64_t digits = kDigits * ceil_of(std::max(splat_count, instances), kSortTile);
-  STGS_TRY(room(digit_places, digits, 4));
-  return room(digit_sums, kDigits, 4);
+  return room(digit_counts, DigitRows(splat_count, instances).end(kMostTilePasses),
+              DigitRows::kBytes);
 }
 
 }  // namespace stgs::player::vulkan

@@ -21,6 +21,22 @@ struct Counts {
 inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
 inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes;
 
+// Passes of the sorts, 8 bits each: by depth, and by tile at most.
+inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 4;
+
+// The rows of a frame's DigitBuffer (frame.glsl), where so many splats and instances are sorted at
+// most.
+struct DigitRows {
+  DigitRows(std::uint64_t splats, std::uint64_t instances);
+  static constexpr std::uint64_t kBytes = kDigits * sizeof(std::uint32_t);  // of a row
+
+  std::uint32_t groups;       // which come first
+  std::uint32_t depth, tile;  // super groups of a pass by depth, and then of one by tile
+  std::uint32_t end(std::uint32_t tile_passes) const {
+    return groups + kDepthPasses * depth + tile_passes * tile;
+  }
+};
+
 // Of all views of a frame.
 struct FrameNeed {
   std::uint32_t chunks = 0, tiles = 0, parts = 0;
@@ -55,7 +71,7 @@ struct FrameBuffers {
   Buffer tile_places, tile_sums;             // instances of kGroup splats
   std::array<Buffer, 2> tile_keys, tile_splats;
   Buffer tile_ranges;
-  Buffer digit_places, digit_sums;
+  Buffer digit_counts;
 };
 
 }  // namespace stgs::player::vulkan

@@ -11,12 +11,10 @@ namespace {
 
 constexpr std::uint32_t kStageSets = 32;       // of a frame, those of blocks and views apart
 constexpr std::uint64_t kUpdateBytes = 65536;  // of vkCmdUpdateBuffer at most
-constexpr int kDepthPasses = 4;
 
-// Passes of the sort by tile, 8 bits each.
-int tile_passes(std::uint32_t tiles) {
-  int passes = 1;
-  while (tiles > std::uint32_t{1} << 8 * passes && passes < 4) ++passes;
+std::uint32_t tile_passes(std::uint32_t tiles) {
+  std::uint32_t passes = 1;
+  while (passes < kMostTilePasses && tiles > std::uint32_t{1} << 8 * passes) ++passes;
   return passes;
 }
 
@@ -92,7 +90,10 @@ class FrameCommands::Recorder {
     return last.first_tile + static_cast<std::uint32_t>(last.tiles_x * last.tiles_y);
   }
   std::uint32_t chunks() const { return work_.input->views * work_.input->chunks; }
-  std::size_t passes() const { return static_cast<std::size_t>(tile_passes(tiles())); }
+  std::uint32_t passes() const { return tile_passes(tiles()); }
+  DigitRows digit_rows() const {
+    return {std::uint64_t{kGroup} * chunks(), work_.input->instance_capacity};
+  }
   // Bound where the blend writes nothing: the sort's other list, which is not needed any more.
   VkBuffer unused() const { return b_.tile_splats[1 - passes() % 2].handle(); }
 
@@ -122,6 +123,9 @@ class FrameCommands::Recorder {
     update(b_.counts, 0, counts, sizeof(counts));
     device_.vk.vkCmdFillBuffer(commands_, b_.tile_ranges.handle(), 0, std::uint64_t{8} * tiles(),
                                0);
+    const DigitRows rows = digit_rows();
+    device_.vk.vkCmdFillBuffer(commands_, b_.digit_counts.handle(), rows.groups * DigitRows::kBytes,
+                               (rows.end(passes()) - rows.groups) * DigitRows::kBytes, 0);
     barrier(device_, commands_);
   }
 
@@ -150,9 +154,9 @@ class FrameCommands::Recorder {
 
   Status bind_frame(const PictureBuffers& picture) {
     std::vector<VkDescriptorBufferInfo> infos;
-    for (const Buffer* buffer : {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2],
-                                 &b_.chunk_places, &b_.chunk_sums, &b_.tile_places, &b_.tile_sums,
-                                 &b_.tile_ranges, &b_.digit_places, &b_.digit_sums}) {
+    for (const Buffer* buffer :
+         {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2], &b_.chunk_places,
+          &b_.chunk_sums, &b_.tile_places, &b_.tile_sums, &b_.tile_ranges, &b_.digit_counts}) {
       infos.push_back({buffer->handle(), 0, VK_WHOLE_SIZE});
     }
     for (const VkDescriptorBufferInfo& plane : picture.planes) {
@@ -185,14 +189,16 @@ class FrameCommands::Recorder {
   }
 
   // As many groups as the device has found.
-  void dispatch_found(Shader shader, std::uint32_t work, std::uint32_t shift = 0) {
-    Push push{};
-    push.work = work;
-    push.shift = shift;
+  void dispatch_found(Shader shader, const Push& push) {
     use(shader, push);
     device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
-                                     sizeof(Counts) + work * kWorkBytes);
+                                     sizeof(Counts) + push.work * kWorkBytes);
     shader_barrier(device_, commands_);
+  }
+  void dispatch_found(Shader shader, std::uint32_t work) {
+    Push push{};
+    push.work = work;
+    dispatch_found(shader, push);
   }
 
   Status scan(std::uint32_t work, const Buffer& items, const Buffer& sums, std::uint32_t total) {
@@ -224,24 +230,26 @@ class FrameCommands::Recorder {
   }
 
   // One pass: from [pass % 2] to the other.
-  Status sort(int pass, const std::array<Buffer, 2>& keys, const std::array<Buffer, 2>& values,
-              std::uint32_t sorted) {
-    const std::size_t from = static_cast<std::size_t>(pass) % 2, to = 1 - from;
+  Status sort(std::uint32_t pass, const std::array<Buffer, 2>& keys,
+              const std::array<Buffer, 2>& values, std::uint32_t sorted, std::uint32_t super_rows) {
+    const std::size_t from = pass % 2, to = 1 - from;
     const StageBuffers buffers = {keys[from].handle(), values[from].handle(), keys[to].handle(),
                                   values[to].handle()};
-    const auto shift = static_cast<std::uint32_t>(8 * pass);
     STGS_TRY(stage(buffers));
-    dispatch_found(Shader::kSortCount, sorted, shift);
     Push push{};
     push.work = sorted;
-    dispatch(Shader::kScanDigits, push, kDigits);
-    dispatch_found(Shader::kSortScatter, sorted, shift);
+    push.shift = 8 * pass;
+    push.super_rows = super_rows;
+    dispatch_found(Shader::kSortCount, push);
+    dispatch_found(Shader::kSortScatter, push);
     return {};
   }
 
   Status bin() {
-    for (int pass = 0; pass < kDepthPasses; ++pass) {
-      STGS_TRY(sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth));
+    const DigitRows rows = digit_rows();
+    for (std::uint32_t pass = 0; pass < kDepthPasses; ++pass) {
+      STGS_TRY(
+          sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth, rows.groups + pass * rows.depth));
     }
     const StageBuffers listing = {b_.depth_keys[0].handle(), b_.orders[0].handle(),
                                   b_.tile_keys[0].handle(), b_.tile_splats[0].handle()};
@@ -250,8 +258,8 @@ class FrameCommands::Recorder {
     STGS_TRY(scan(kWorkScanTiles, b_.tile_places, b_.tile_sums, kTotalInstances));
     STGS_TRY(stage(listing));
     dispatch_found(Shader::kListTiles, kWorkListTiles);
-    for (int pass = 0; pass < tile_passes(tiles()); ++pass) {
-      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles));
+    for (std::uint32_t pass = 0; pass < passes(); ++pass) {
+      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles, rows.end(pass)));
     }
     const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
     STGS_TRY(stage({keys, keys, keys, keys}));

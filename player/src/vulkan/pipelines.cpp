@@ -24,17 +24,14 @@ constexpr std::uint32_t kScanSumsCode[] = {
 constexpr std::uint32_t kScanSumsBallotCode[] = {
 #include "scan_sums_ballot.spv.inc"
 };
-constexpr std::uint32_t kScanDigitsCode[] = {
-#include "scan_digits.spv.inc"
-};
-constexpr std::uint32_t kScanDigitsBallotCode[] = {
-#include "scan_digits_ballot.spv.inc"
-};
 constexpr std::uint32_t kCompactCode[] = {
 #include "compact.spv.inc"
 };
 constexpr std::uint32_t kSortCountCode[] = {
 #include "sort_count.spv.inc"
+};
+constexpr std::uint32_t kSortCountBallotCode[] = {
+#include "sort_count_ballot.spv.inc"
 };
 constexpr std::uint32_t kSortScatterCode[] = {
 #include "sort_scatter.spv.inc"
@@ -79,12 +76,10 @@ Code code_of(Shader shader) {
       return {kScanItemsCode, kScanItemsBallotCode};
     case Shader::kScanSums:
       return {kScanSumsCode, kScanSumsBallotCode};
-    case Shader::kScanDigits:
-      return {kScanDigitsCode, kScanDigitsBallotCode};
     case Shader::kCompact:
       return {kCompactCode, kCompactCode};
     case Shader::kSortCount:
-      return {kSortCountCode, kSortCountCode};
+      return {kSortCountCode, kSortCountBallotCode};
     case Shader::kSortScatter:
       return {kSortScatterCode, kSortScatterBallotCode};
     case Shader::kCountTiles:

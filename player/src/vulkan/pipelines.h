@@ -9,7 +9,7 @@
 
 namespace stgs::player::vulkan {
 
-inline constexpr std::uint32_t kFrameBindings = 17, kStageBindings = 4;
+inline constexpr std::uint32_t kFrameBindings = 16, kStageBindings = 4;
 inline constexpr int kDegrees = 4;
 
 enum class Shader {
@@ -17,7 +17,6 @@ enum class Shader {
   kProjectSeveral,  // views
   kScanItems,
   kScanSums,
-  kScanDigits,
   kCompact,
   kSortCount,
   kSortScatter,
@@ -27,7 +26,7 @@ enum class Shader {
   kBlend,
   kBlendFovea,  // where the view has one
 };
-inline constexpr std::size_t kShaders = 13;
+inline constexpr std::size_t kShaders = 12;
 
 // The device outlives it.
 class Pipelines {
