@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many tiles the ellipses of each workgroup's splats meet; nearest first.
+// How many tiles the ellipses of each workgroup's splats meet, nearest first. The last workgroup
+// replaces these numbers by the sums before them, and plans the work on the instances.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -10,10 +11,34 @@
 
 // After frame.glsl, on which they build.
 #include "footprint.glsl"
+#include "last.glsl"
 #include "scan.glsl"
 #include "tile_rows.glsl"
 
 layout(local_size_x = 256) in;
+
+void scan_places(uint n, uint thread) {
+  uint all = 0u;
+  for (uint tile = 0u; tile < n; tile += kScanTile) {
+    uint first = tile + thread * kScanEach;
+    uint values[kScanEach];
+    [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
+      values[k] = first + k < n ? tile_places[first + k] : 0u;
+    }
+    uint total = scan_tile(thread, values);
+    [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
+      if (first + k < n) tile_places[first + k] = added(all, values[k]);
+    }
+    all = added(all, total);
+  }
+  if (thread != 0u) return;
+  uint fitting = min(all, frame.instance_capacity);
+  instances = all;
+  listed = fitting;
+  work[kWorkListTiles] = work_for(fitting > 0u ? visible : 0u, kGroup);
+  work[kWorkSortTiles] = work_for(fitting, kSortTile);
+  work[kWorkFindRanges] = work_for(fitting, kGroup);
+}
 
 void main() {
   uint group = group_number(), thread = thread_number();
@@ -22,4 +47,6 @@ void main() {
   for (uint row = thread; row < rows; row += kGroup) count += tiles_of_row(row).count;
   sum_before(thread, min(count, kManyInstances), total);
   if (thread == 0u) tile_places[group] = total;
+  uint groups = (visible + kGroup - 1u) / kGroup;
+  if (is_last(kEndedCountTiles, groups, thread)) scan_places(groups, thread);
 }

@@ -12,6 +12,7 @@ layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint listed;     // instances that are sorted and drawn: all, or as many as there is room for
   uint instances;  // in all, also where they did not fit; kManyInstances at most
   uvec4 work[kWorks];
+  uint ended[kEnded];
 };
 // A visible primitive on the screen. At pixel offset (dx, dy), log2 of its alpha is
 // min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).
@@ -24,41 +25,38 @@ layout(std430, set = 0, binding = 3) buffer SplatBBuffer {
 layout(std430, set = 0, binding = 4) buffer SplatCBuffer {
   vec4 splat_c[];  // red, green, blue; camera z
 };
-// Sums before an item are in two parts, within kScanTile items and of the tiles before.
+// Sums before a chunk are in two parts, within kScanTile chunks and of those tiles before.
 layout(std430, set = 0, binding = 5) buffer ChunkPlaceBuffer {
   uint chunk_places[];
 };
-layout(std430, set = 0, binding = 6) buffer ChunkSumBuffer {
+layout(std430, set = 0, binding = 6) coherent buffer ChunkSumBuffer {
   uint chunk_sums[];
 };
-layout(std430, set = 0, binding = 7) buffer TilePlaceBuffer {
+layout(std430, set = 0, binding = 7) coherent buffer TilePlaceBuffer {
   uint tile_places[];
 };
-layout(std430, set = 0, binding = 8) buffer TileSumBuffer {
-  uint tile_sums[];
-};
-layout(std430, set = 0, binding = 9) buffer RangeBuffer {
+layout(std430, set = 0, binding = 8) buffer RangeBuffer {
   uvec2 tile_ranges[];  // of a tile of the frame: first and last + 1 of its instances
 };
 // Rows of kDigits numbers, how many keys have each digit: of the workgroups of a pass of the sort,
 // and then, for each pass, of its super groups.
-layout(std430, set = 0, binding = 10) buffer DigitBuffer {
+layout(std430, set = 0, binding = 9) buffer DigitBuffer {
   uint digit_counts[];
 };
 // A view's picture, a plane each: of a large one, not all fit a storage buffer together.
-layout(std430, set = 0, binding = 11) writeonly buffer RedBuffer {
+layout(std430, set = 0, binding = 10) writeonly buffer RedBuffer {
   float red_plane[];
 };
-layout(std430, set = 0, binding = 12) writeonly buffer GreenBuffer {
+layout(std430, set = 0, binding = 11) writeonly buffer GreenBuffer {
   float green_plane[];
 };
-layout(std430, set = 0, binding = 13) writeonly buffer BlueBuffer {
+layout(std430, set = 0, binding = 12) writeonly buffer BlueBuffer {
   float blue_plane[];
 };
-layout(std430, set = 0, binding = 14) writeonly buffer AlphaBuffer {
+layout(std430, set = 0, binding = 13) writeonly buffer AlphaBuffer {
   float alpha_plane[];
 };
-layout(std430, set = 0, binding = 15) writeonly buffer DepthBuffer {
+layout(std430, set = 0, binding = 14) writeonly buffer DepthBuffer {
   float depth_plane[];
 };
 

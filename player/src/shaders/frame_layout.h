@@ -73,18 +73,17 @@ struct FrameInput {
 
 // Work whose extent the device finds: rows of four numbers, the groups of a dispatch along x, y and
 // z, and how many items there are.
-const uint kWorkScanChunks = 0u;  // items: chunks of all views
-const uint kWorkSortDepth = 1u;   // visible splats
-const uint kWorkCountTiles = 2u;  // visible splats
-const uint kWorkScanTiles = 3u;   // kGroup visible splats each
-const uint kWorkListTiles = 4u;   // visible splats
-const uint kWorkSortTiles = 5u;   // listed instances
-const uint kWorkFindRanges = 6u;  // listed instances
-const uint kWorks = 7u;
+const uint kWorkSortDepth = 0u;   // items: visible splats
+const uint kWorkCountTiles = 1u;  // visible splats
+const uint kWorkListTiles = 2u;   // visible splats
+const uint kWorkSortTiles = 3u;   // listed instances
+const uint kWorkFindRanges = 4u;  // listed instances
+const uint kWorks = 5u;
 
-// What scan_sums does with the total.
-const uint kTotalVisible = 0u;    // the work up to listing
-const uint kTotalInstances = 1u;  // the work after that
+// Of workgroups that have ended, in those dispatches that the last one goes on alone.
+const uint kEndedScanChunks = 0u;
+const uint kEndedCountTiles = 1u;
+const uint kEnded = 2u;
 
 // What the blend writes of a picture.
 const uint kPixelPlanes = 0u;  // floats, a plane a channel
@@ -98,7 +97,6 @@ struct Push {
   uint work;                            // row that says how many items there are
   uint shift;                           // of the sort's digit, bits
   uint super_rows;                      // of the sort's pass, the first of its super groups
-  uint total;                           // what scan_sums does with the total
   uint first_part, part_count, groups;  // of a dispatch over a block
   uint pixels;                          // kPixel...
   uint with_depth;                      // beside such pixels the plane of depth; 0: without

@@ -28,10 +28,6 @@ const uint kStage = 2560u;
 
 shared uint stage[kStage];  // tile, and the splat's place in the workgroup in the lower eight bits
 
-uint place_of(uint group) {
-  return tile_places[group] + tile_sums[group / kScanTile];
-}
-
 void write_instance(uint to, uint tile, uint splat) {
   if (to >= listed) return;
   keys[to] = tile;
@@ -52,8 +48,8 @@ void put(bool staged, uint first, uint end, uint to, uint tile, uint of) {
 void main() {
   uint thread = thread_number(), group = group_number();
   if (group * kGroup >= visible) return;
-  uint first = place_of(group);
-  uint end = (group + 1u) * kGroup < visible ? place_of(group + 1u) : instances;
+  uint first = tile_places[group];
+  uint end = (group + 1u) * kGroup < visible ? tile_places[group + 1u] : instances;
   if (first >= listed) return;
   // Sums that stopped at the most that is counted say nothing of what lies between them.
   bool staged = end - first <= kStage && end < kManyInstances;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums over the invocations of a workgroup, which all call it, through its subgroups where they
+// Sums over the invocations of a workgroup, which all call them, through its subgroups where they
 // are known (STGS_BALLOT), else through shared memory alone. After frame.glsl, on which it builds.
 
 uint added(uint a, uint b) {
@@ -66,3 +66,18 @@ uint sum_before(uint thread, uint value, out uint total) {
 }
 
 #endif
+
+const uint kScanEach = kScanTile / kGroup;  // numbers of an invocation
+
+// Replaces successive values of each invocation by the sums before them; returns that of all.
+uint scan_tile(uint thread, inout uint values[kScanEach]) {
+  uint sum = 0u;
+  [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
+    uint value = values[k];
+    values[k] = sum;
+    sum = added(sum, value);
+  }
+  uint total, before = sum_before(thread, sum, total);
+  [[unroll]] for (uint k = 0u; k < kScanEach; ++k) values[k] = added(before, values[k]);
+  return total;
+}

@@ -13,7 +13,7 @@
 namespace stgs::player::vulkan {
 namespace {
 
-constexpr std::uint32_t kStorageBuffers = 20;  // of a shader's layout
+constexpr std::uint32_t kStorageBuffers = 19;  // of a shader's layout
 constexpr std::uint32_t kSharedBytes = 16384;
 constexpr std::uint32_t kBallotSharedBytes = 18560;  // of sort_scatter_ballot.comp with 16 lanes
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};

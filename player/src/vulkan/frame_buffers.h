@@ -19,7 +19,7 @@ struct Counts {
   std::uint32_t alive, visible, listed, instances;
 };
 inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
-inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes;
+inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded;
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 4;
@@ -68,7 +68,7 @@ struct FrameBuffers {
   std::array<Buffer, 3> splats;              // frame.glsl's a, b, c; in the order of ids
   Buffer chunk_places, chunk_sums;           // splats of a chunk
   std::array<Buffer, 2> depth_keys, orders;  // after the sort in [0]: splats, nearest first
-  Buffer tile_places, tile_sums;             // instances of kGroup splats
+  Buffer tile_places;                        // instances of kGroup splats
   std::array<Buffer, 2> tile_keys, tile_splats;
   Buffer tile_ranges;
   Buffer digit_counts;

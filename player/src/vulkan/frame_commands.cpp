@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 
 namespace stgs::player::vulkan {
 namespace {
@@ -115,12 +114,7 @@ class FrameCommands::Recorder {
   void send() {
     update(b_.input, 0, work_.input, sizeof(FrameInput));
     update(b_.input, sizeof(FrameInput), work_.parts.data(), work_.parts.size_bytes());
-    std::uint32_t counts[kCountBytes / 4] = {};
-    const std::uint32_t groups = groups_for(chunks(), kScanTile);
-    const std::uint32_t row[] = {std::min(groups, kGroupsX), groups_for(groups, kGroupsX), 1,
-                                 chunks()};
-    std::memcpy(counts + (sizeof(Counts) + kWorkScanChunks * kWorkBytes) / 4, row, sizeof(row));
-    update(b_.counts, 0, counts, sizeof(counts));
+    device_.vk.vkCmdFillBuffer(commands_, b_.counts.handle(), 0, kCountBytes, 0);
     device_.vk.vkCmdFillBuffer(commands_, b_.tile_ranges.handle(), 0, std::uint64_t{8} * tiles(),
                                0);
     const DigitRows rows = digit_rows();
@@ -156,7 +150,7 @@ class FrameCommands::Recorder {
     std::vector<VkDescriptorBufferInfo> infos;
     for (const Buffer* buffer :
          {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2], &b_.chunk_places,
-          &b_.chunk_sums, &b_.tile_places, &b_.tile_sums, &b_.tile_ranges, &b_.digit_counts}) {
+          &b_.chunk_sums, &b_.tile_places, &b_.tile_ranges, &b_.digit_counts}) {
       infos.push_back({buffer->handle(), 0, VK_WHOLE_SIZE});
     }
     for (const VkDescriptorBufferInfo& plane : picture.planes) {
@@ -201,16 +195,6 @@ class FrameCommands::Recorder {
     dispatch_found(shader, push);
   }
 
-  Status scan(std::uint32_t work, const Buffer& items, const Buffer& sums, std::uint32_t total) {
-    STGS_TRY(stage({items.handle(), sums.handle(), sums.handle(), sums.handle()}));
-    dispatch_found(Shader::kScanItems, work);
-    Push push{};
-    push.work = work;
-    push.total = total;
-    dispatch(Shader::kScanSums, push, 1);
-    return {};
-  }
-
   Status slice(const SegmentMemory& memory) {
     for (const BlockParts& one : work_.blocks) {
       const VkBuffer block = memory.buffer(one.block);
@@ -222,7 +206,7 @@ class FrameCommands::Recorder {
       const bool several = work_.input->views > 1;
       dispatch(several ? Shader::kProjectSeveral : Shader::kProject, push, one.groups);
     }
-    STGS_TRY(scan(kWorkScanChunks, b_.chunk_places, b_.chunk_sums, kTotalVisible));
+    dispatch(Shader::kScanChunks, {}, groups_for(chunks(), kScanTile));
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
                     b_.orders[0].handle()}));
     dispatch(Shader::kCompact, {}, chunks());
@@ -251,12 +235,9 @@ class FrameCommands::Recorder {
       STGS_TRY(
           sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth, rows.groups + pass * rows.depth));
     }
-    const StageBuffers listing = {b_.depth_keys[0].handle(), b_.orders[0].handle(),
-                                  b_.tile_keys[0].handle(), b_.tile_splats[0].handle()};
-    STGS_TRY(stage(listing));
+    STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.tile_keys[0].handle(),
+                    b_.tile_splats[0].handle()}));
     dispatch_found(Shader::kCountTiles, kWorkCountTiles);
-    STGS_TRY(scan(kWorkScanTiles, b_.tile_places, b_.tile_sums, kTotalInstances));
-    STGS_TRY(stage(listing));
     dispatch_found(Shader::kListTiles, kWorkListTiles);
     for (std::uint32_t pass = 0; pass < passes(); ++pass) {
       STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles, rows.end(pass)));

@@ -12,17 +12,11 @@ namespace {
 constexpr std::uint32_t kProjectCode[] = {
 #include "project.spv.inc"
 };
-constexpr std::uint32_t kScanItemsCode[] = {
-#include "scan_items.spv.inc"
+constexpr std::uint32_t kScanChunksCode[] = {
+#include "scan_chunks.spv.inc"
 };
-constexpr std::uint32_t kScanItemsBallotCode[] = {
-#include "scan_items_ballot.spv.inc"
-};
-constexpr std::uint32_t kScanSumsCode[] = {
-#include "scan_sums.spv.inc"
-};
-constexpr std::uint32_t kScanSumsBallotCode[] = {
-#include "scan_sums_ballot.spv.inc"
+constexpr std::uint32_t kScanChunksBallotCode[] = {
+#include "scan_chunks_ballot.spv.inc"
 };
 constexpr std::uint32_t kCompactCode[] = {
 #include "compact.spv.inc"
@@ -72,10 +66,8 @@ Code code_of(Shader shader) {
     case Shader::kProject:
     case Shader::kProjectSeveral:
       return {kProjectCode, kProjectCode};
-    case Shader::kScanItems:
-      return {kScanItemsCode, kScanItemsBallotCode};
-    case Shader::kScanSums:
-      return {kScanSumsCode, kScanSumsBallotCode};
+    case Shader::kScanChunks:
+      return {kScanChunksCode, kScanChunksBallotCode};
     case Shader::kCompact:
       return {kCompactCode, kCompactCode};
     case Shader::kSortCount:

@@ -9,14 +9,13 @@
 
 namespace stgs::player::vulkan {
 
-inline constexpr std::uint32_t kFrameBindings = 16, kStageBindings = 4;
+inline constexpr std::uint32_t kFrameBindings = 15, kStageBindings = 4;
 inline constexpr int kDegrees = 4;
 
 enum class Shader {
   kProject,         // of one view
   kProjectSeveral,  // views
-  kScanItems,
-  kScanSums,
+  kScanChunks,
   kCompact,
   kSortCount,
   kSortScatter,
@@ -26,7 +25,7 @@ enum class Shader {
   kBlend,
   kBlendFovea,  // where the view has one
 };
-inline constexpr std::size_t kShaders = 12;
+inline constexpr std::size_t kShaders = 11;
 
 // The device outlives it.
 class Pipelines {
