@@ -61,6 +61,7 @@ void main() {
   bool inside = block < kBlocks >> 2u * halvings && at_pixel.x < size.x && at_pixel.y < size.y;
   vec2 centre = vec2(at_pixel) + 0.5f;
   uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
+  range.x = ~range.x;
   bool finished = !inside;
   vec4 sums = vec4(0.0f);
   float t = 1.0f;

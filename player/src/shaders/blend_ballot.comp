@@ -84,6 +84,7 @@ void main() {
     sums[k] = vec4(0.0f);
   }
   uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
+  range.x = ~range.x;
   // A splat is asked for one batch ahead, its number two.
   vec4 a = vec4(0.0f), b = vec4(0.0f), c = vec4(0.0f);
   uint number = 0u;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where each tile's instances begin and end.
+// Where each tile's instances begin and end, unless the sort's last pass has told.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -14,6 +14,6 @@ void main() {
   if (i >= n) return;
   uint tile = keys[i];
   if (tile >= tile_ranges.length()) return;
-  if (i == 0u || keys[i - 1u] != tile) tile_ranges[tile].x = i;
+  if (i == 0u || keys[i - 1u] != tile) tile_ranges[tile].x = ~i;
   if (i + 1u == n || keys[i + 1u] != tile) tile_ranges[tile].y = i + 1u;
 }

@@ -36,7 +36,9 @@ layout(std430, set = 0, binding = 7) coherent buffer TilePlaceBuffer {
   uint tile_places[];
 };
 layout(std430, set = 0, binding = 8) buffer RangeBuffer {
-  uvec2 tile_ranges[];  // of a tile of the frame: first and last + 1 of its instances
+  // Of a tile of the frame: ~first and last + 1 of its instances, both the greatest that was found
+  // on them; 0 and 0 where it has none.
+  uvec2 tile_ranges[];
 };
 // Rows of kDigits numbers, how many keys have each digit: of the workgroups of a pass of the sort,
 // and then, for each pass, of its super groups.

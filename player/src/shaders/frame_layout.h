@@ -97,6 +97,7 @@ struct Push {
   uint work;                            // row that says how many items there are
   uint shift;                           // of the sort's digit, bits
   uint super_rows;                      // of the sort's pass, the first of its super groups
+  uint tells_ranges;                    // of the last pass by tile: in place of keys, tile_ranges
   uint first_part, part_count, groups;  // of a dispatch over a block
   uint pixels;                          // kPixel...
   uint with_depth;                      // beside such pixels the plane of depth; 0: without

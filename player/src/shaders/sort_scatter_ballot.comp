@@ -34,6 +34,14 @@ shared uint words[2u * kSortTile];
 shared uint starts[kDigits];  // of a digit's keys in the workgroup
 shared uint shifts[kDigits];  // from a place in the workgroup to that among all keys
 
+// What a key of the workgroup's `count` tells of its tile's instances: successive, as the passes
+// before have sorted them by the other digits.
+void tell_range(uint place, uint count, uint tile, uint at) {
+  if (tile >= tile_ranges.length()) return;
+  if (place == 0u || words[place - 1u] != tile) atomicMax(tile_ranges[tile].x, ~at);
+  if (place + 1u == count || words[place + 1u] != tile) atomicMax(tile_ranges[tile].y, at + 1u);
+}
+
 void main() {
   uint n = work[push.work].w, group = group_number(), thread = thread_number();
   uint first = group * kSortTile;
@@ -87,11 +95,16 @@ void main() {
     words[kSortTile + ranks[k]] = own_values[k];
   }
   barrier();
+  uint count = min(n - first, kSortTile);
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     uint place = k * kGroup + thread;
-    if (first + place < n) {
+    if (place < count) {
       uint key = words[place], to = shifts[digit_of(key)] + place;
-      keys_out[to] = key;
+      if (push.tells_ranges != 0u) {
+        tell_range(place, count, key, to);
+      } else {
+        keys_out[to] = key;
+      }
       values_out[to] = words[kSortTile + place];
     }
   }

@@ -215,33 +215,38 @@ class FrameCommands::Recorder {
 
   // One pass: from [pass % 2] to the other.
   Status sort(std::uint32_t pass, const std::array<Buffer, 2>& keys,
-              const std::array<Buffer, 2>& values, std::uint32_t sorted, std::uint32_t super_rows) {
+              const std::array<Buffer, 2>& values, Push push) {
     const std::size_t from = pass % 2, to = 1 - from;
     const StageBuffers buffers = {keys[from].handle(), values[from].handle(), keys[to].handle(),
                                   values[to].handle()};
     STGS_TRY(stage(buffers));
-    Push push{};
-    push.work = sorted;
     push.shift = 8 * pass;
-    push.super_rows = super_rows;
     dispatch_found(Shader::kSortCount, push);
     dispatch_found(Shader::kSortScatter, push);
     return {};
   }
 
   Status bin() {
+    const bool ballot = device_.ballot_lanes() != 0;  // whose sort tells the tiles' ranges
     const DigitRows rows = digit_rows();
     for (std::uint32_t pass = 0; pass < kDepthPasses; ++pass) {
-      STGS_TRY(
-          sort(pass, b_.depth_keys, b_.orders, kWorkSortDepth, rows.groups + pass * rows.depth));
+      Push push{};
+      push.work = kWorkSortDepth;
+      push.super_rows = rows.groups + pass * rows.depth;
+      STGS_TRY(sort(pass, b_.depth_keys, b_.orders, push));
     }
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.tile_keys[0].handle(),
                     b_.tile_splats[0].handle()}));
     dispatch_found(Shader::kCountTiles, kWorkCountTiles);
     dispatch_found(Shader::kListTiles, kWorkListTiles);
     for (std::uint32_t pass = 0; pass < passes(); ++pass) {
-      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, kWorkSortTiles, rows.end(pass)));
+      Push push{};
+      push.work = kWorkSortTiles;
+      push.super_rows = rows.end(pass);
+      push.tells_ranges = ballot && pass + 1 == passes() ? 1u : 0u;
+      STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, push));
     }
+    if (ballot) return {};
     const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
     STGS_TRY(stage({keys, keys, keys, keys}));
     dispatch_found(Shader::kFindRanges, kWorkFindRanges);
