@@ -76,7 +76,7 @@ void main() {
     if (unfinished[turn] == 0u) break;
     turn ^= 1u;
     if (at + thread < range.y) {
-      uint splat = list[at + thread];
+      uint splat = list[at + thread] & (1u << kSplatBits) - 1u;
       vec4 a = splat_a[splat], b = splat_b[splat];
       if (kFovea && halvings == 1u) halve_splat(a, b);
       stage_a[thread] = a;
@@ -94,13 +94,12 @@ void main() {
         vec2 d = centre - a.xy;
         float log2_alpha = min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
         if (log2_alpha < kLog2Threshold) continue;
-        float alpha = min(kAlphaMax, exp2(log2_alpha));
-        float after = t * (1.0f - alpha);
+        float weight = exp2(min(log2_alpha, kLog2AlphaMax)) * t, after = t - weight;
         if (after < kTransmittanceMin) {
           finished = true;
           break;
         }
-        sums = fma(vec4(alpha * t), stage_c[k], sums);
+        sums = fma(vec4(weight), stage_c[k], sums);
         t = after;
       }
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending, nearest first, where subgroups are known: each draws 8 x 8 pixels by itself, without a
 // barrier of the workgroup: a quarter of a tile, or all of one at half resolution. It takes the
-// tile's list a splat a lane, keeps those whose ellipse meets its pixels, and goes through these.
+// tile's list a splat a lane, keeps those whose ellipse meets its quarter, and goes through these.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -9,7 +9,6 @@
 #include "frame.glsl"
 
 // After frame.glsl, on which they build.
-#include "footprint.glsl"
 #include "fovea.glsl"
 #include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
@@ -22,17 +21,15 @@ layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
 };
 
 const uint kQuarters = 4u;
-const uint kSide = 8u;                        // pixels of a quarter, width and height
+const uint kSide = uint(kQuarterPixels);
 const uint kMostLanes = 32u, kMostEach = 4u;  // pixels of a lane, below each other
 const uint kEach = kSide * kSide / kLanes;
-const uint kStep = kSide / kEach;  // rows between them
-const float kFinished = 1e30f;     // a threshold that no alpha reaches
+const uint kStep = kSide / kEach;            // rows between them
 
 shared vec4 stage_a[kQuarters * kMostLanes], stage_b[kQuarters * kMostLanes],
     stage_c[kQuarters * kMostLanes];
 
-float threshold[kMostEach];  // log2 of the least alpha that is drawn, or kFinished
-float transmittance[kMostEach];
+float transmittance[kMostEach];  // below 0 where the pixel is finished, or outside of the picture
 vec4 sums[kMostEach];
 
 void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
@@ -40,23 +37,22 @@ void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
   float along = fma(a.z * dx, dx, b.y), cross_ = a.w * dx;
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     float dy = first.y + float(k * kStep) - a.y;
-    float log2_alpha = min(b.y, fma(dy, fma(b.x, dy, cross_), along));
-    float alpha = min(kAlphaMax, exp2(log2_alpha));
-    float after = transmittance[k] * (1.0f - alpha);
-    bool drawn = log2_alpha >= threshold[k], ends = drawn && after < kTransmittanceMin;
+    float log2_alpha = min(b.z, fma(dy, fma(b.x, dy, cross_), along));
+    float t = transmittance[k], weight = exp2(log2_alpha) * t, after = t - weight;
     // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
-    drawn = drawn && !ends;
-    sums[k] = fma(vec4(drawn ? alpha * transmittance[k] : 0.0f), c, sums[k]);
-    transmittance[k] = drawn ? after : transmittance[k];
-    threshold[k] = ends ? kFinished : threshold[k];
+    bool met = log2_alpha >= kLog2Threshold, drawn = met && after >= kTransmittanceMin;
+    sums[k] = fma(vec4(drawn ? weight : 0.0f), c, sums[k]);
+    transmittance[k] = drawn ? after : met ? -abs(t) : t;
   }
 }
 
-void bring(uint splat, uint halvings, out vec4 a, out vec4 b, out vec4 c) {
+void bring(uint number, uint halvings, out vec4 a, out vec4 b, out vec4 c) {
+  uint splat = number & (1u << kSplatBits) - 1u;
   a = splat_a[splat];
   b = splat_b[splat];
   c = splat_c[splat];
   if (kFovea && halvings == 1u) halve_splat(a, b);
+  b.z = min(b.y, kLog2AlphaMax);
 }
 
 void main() {
@@ -76,28 +72,25 @@ void main() {
   if (corner.x >= size.x || corner.y >= size.y) return;
   uvec2 pixel = corner + uvec2(lane % kSide, lane / kSide);
   vec2 centre = vec2(pixel) + 0.5f;
-  vec2 low = vec2(corner) + 0.5f, high = vec2(min(corner + kSide, size)) - 0.5f;
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     bool inside = pixel.x < size.x && pixel.y + k * kStep < size.y;
-    threshold[k] = inside ? kLog2Threshold : kFinished;
-    transmittance[k] = 1.0f;
+    transmittance[k] = inside ? 1.0f : -1.0f;
     sums[k] = vec4(0.0f);
   }
   uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
   range.x = ~range.x;
+  // At half resolution all of the tile is drawn here.
+  uint wanted = (halvings == 1u ? 0xFu : 1u << quarter) << kSplatBits;
   // A splat is asked for one batch ahead, its number two.
   vec4 a = vec4(0.0f), b = vec4(0.0f), c = vec4(0.0f);
-  uint number = 0u;
-  if (range.x + lane < range.y) {
-    bring(list[range.x + lane], halvings, a, b, c);
-  }
-  if (range.x + kLanes + lane < range.y) number = list[range.x + kLanes + lane];
+  uint number = range.x + lane < range.y ? list[range.x + lane] : 0u;
+  uint next = range.x + kLanes + lane < range.y ? list[range.x + kLanes + lane] : 0u;
+  if ((number & wanted) != 0u) bring(number, halvings, a, b, c);
   for (uint at = range.x; at < range.y; at += kLanes) {
     bool unfinished = false;
-    [[unroll]] for (uint k = 0u; k < kEach; ++k) unfinished =
-        unfinished || threshold[k] != kFinished;
+    [[unroll]] for (uint k = 0u; k < kEach; ++k) unfinished = unfinished || transmittance[k] > 0.0f;
     if (subgroupBallot(unfinished).x == 0u) break;
-    bool met = at + lane < range.y && meets(a, b, low, high);
+    bool met = (number & wanted) != 0u;
     uvec4 hits = subgroupBallot(met);
     if (met) {
       uint to = stage + subgroupBallotExclusiveBitCount(hits);
@@ -106,10 +99,9 @@ void main() {
       stage_c[to] = c;
     }
     subgroupBarrier();
-    if (at + kLanes + lane < range.y) {
-      bring(number, halvings, a, b, c);
-    }
-    if (at + 2u * kLanes + lane < range.y) number = list[at + 2u * kLanes + lane];
+    number = next;
+    if ((number & wanted) != 0u) bring(number, halvings, a, b, c);
+    next = at + 2u * kLanes + lane < range.y ? list[at + 2u * kLanes + lane] : 0u;
     uint count = subgroupBallotBitCount(hits);
     for (uint k = stage; k < stage + count; ++k) {
       blend_splat(centre, stage_a[k], stage_b[k], stage_c[k]);
@@ -120,9 +112,9 @@ void main() {
     uvec2 to = uvec2(pixel.x, pixel.y + k * kStep);
     if (to.x >= size.x || to.y >= size.y) continue;
     if (kFovea && halvings == 1u) {
-      write_square(2u * to, whole, sums[k], transmittance[k]);
+      write_square(2u * to, whole, sums[k], abs(transmittance[k]));
     } else {
-      write_pixel(to.x, to.y, sums[k], transmittance[k]);
+      write_pixel(to.x, to.y, sums[k], abs(transmittance[k]));
     }
   }
 }

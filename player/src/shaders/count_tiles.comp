@@ -35,18 +35,18 @@ void scan_places(uint n, uint thread) {
   uint fitting = min(all, frame.instance_capacity);
   instances = all;
   listed = fitting;
-  work[kWorkListTiles] = work_for(fitting > 0u ? visible : 0u, kGroup);
+  work[kWorkListTiles] = work_for(fitting > 0u ? list_groups(visible) : 0u, 1u);
   work[kWorkSortTiles] = work_for(fitting, kSortTile);
   work[kWorkFindRanges] = work_for(fitting, kGroup);
 }
 
 void main() {
   uint group = group_number(), thread = thread_number();
-  if (group * kGroup >= visible) return;
-  uint rows = load_rows(group * kGroup, thread), count = 0u, total;
+  uint groups = list_groups(visible);
+  if (group >= groups) return;
+  uint rows = load_rows(group, thread), count = 0u, total;
   for (uint row = thread; row < rows; row += kGroup) count += tiles_of_row(row).count;
   sum_before(thread, min(count, kManyInstances), total);
   if (thread == 0u) tile_places[group] = total;
-  uint groups = (visible + kGroup - 1u) / kGroup;
   if (is_last(kEndedCountTiles, groups, thread)) scan_places(groups, thread);
 }

@@ -5,13 +5,13 @@
 // Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
 const float kLimitSlack = 0.75e-4f;
 
-// The ellipse as rows of tiles see it. With v the offset from the centre in half heights, its
-// points at v are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at
-// -top.
+// The ellipse as rows see it. With v the offset from the centre in half heights, its points at v
+// are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
   int row, rows;  // of tiles
   int tiles_x;    // of its view, as what follows
+  float quarters_x;
   uint first_tile;
   float last_pixel;  // the centre of the lowest row
 };
@@ -34,9 +34,10 @@ Footprint footprint_of(uint splat) {
   precise float ratio = f.slope / f.width;
   f.top = ratio * inversesqrt(1.0f + ratio * ratio);
   if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
-  f.slack = 1e-3f + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
   precise float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
+  f.slack = slack + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
   f.tiles_x = frame.view[v].tiles_x;
+  f.quarters_x = float((frame.view[v].width + kQuarterPixels - 1) / kQuarterPixels);
   f.first_tile = frame.view[v].first_tile;
   f.last_pixel = float(frame.view[v].height) - 0.5f;
   float count = float(frame.view[v].tiles_y);
@@ -47,22 +48,23 @@ Footprint footprint_of(uint splat) {
   return f;
 }
 
-// Tiles of a row: the first, and how many.
+// Quarters that are met in a row of them: the first, and how many.
 ivec2 span_of(Footprint f, int row) {
-  const float tile = float(kTilePixels);
-  float top = float(row) * tile + 0.5f;
-  float bottom = min(top + (tile - 1.0f), f.last_pixel);
-  precise float low = clamp((top - f.y) * f.per_height, -1.0f, 1.0f);
-  precise float high = clamp((bottom - f.y) * f.per_height, -1.0f, 1.0f);
+  const float side = float(kQuarterPixels);
+  float top = float(row) * side + 0.5f;
+  float bottom = min(top + (side - 1.0f), f.last_pixel);
+  precise float above = (top - f.y) * f.per_height, below = (bottom - f.y) * f.per_height;
+  precise float beyond = 1.0f + f.slack * f.per_height;
+  if (bottom < top || above > beyond || below < -beyond) return ivec2(0);
+  float low = clamp(above, -1.0f, 1.0f), high = clamp(below, -1.0f, 1.0f);
   float at_right = clamp(f.top, low, high), at_left = clamp(-f.top, low, high);
   // 1e-6 for the rounding of v, which counts most near the ends.
   precise float right = f.x + f.slope * at_right +
                         f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
   precise float left = f.x + f.slope * at_left -
                        f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
-  float count = float(f.tiles_x);
-  int first = int(clamp(ceil((left - (tile - 0.5f)) / tile), 0.0f, count));
-  int last = int(clamp(floor((right - 0.5f) / tile), -1.0f, count - 1.0f));
+  int first = int(clamp(ceil((left - (side - 0.5f)) / side), 0.0f, f.quarters_x));
+  int last = int(clamp(floor((right - 0.5f) / side), -1.0f, f.quarters_x - 1.0f));
   return ivec2(first, max(last - first + 1, 0));
 }
 

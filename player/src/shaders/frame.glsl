@@ -66,7 +66,8 @@ layout(push_constant) uniform PushBlock {
   Push push;
 };
 
-const float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
+const float kLog2Threshold = -7.99435344f;   // log2(kAlphaThreshold)
+const float kLog2AlphaMax = -0.0144995697f;  // log2(kAlphaMax)
 
 // The workgroup's number in a dispatch that may extend along y.
 uint group_number() {

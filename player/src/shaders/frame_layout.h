@@ -23,12 +23,35 @@
 STGS_LAYOUT_BEGIN
 
 const int kTilePixels = 16;    // width and height, as kTileSize of raster.h
+const int kQuarterPixels = 8;  // of a quarter of a tile
 const uint kGroup = 256u;      // invocations of a workgroup, and primitives of a chunk
 const uint kSortTile = 2048u;  // keys that a workgroup sorts
 const uint kScanTile = 2048u;  // numbers that a workgroup sums
 const uint kDigits = 256u;     // of a pass of the sort
 const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
 const uint kMostViews = 4u;    // of a frame
+
+// In a tile's list a splat's number has the bits below this one, which no buffer of splats exceeds;
+// those from it on tell which of the tile's quarters it meets: bit x + 2 y.
+const uint kSplatBits = 28u;
+
+// Workgroups list so many splats each, in the order of depth: few of the nearest, which have many
+// times the tiles of others and would keep all waiting for their workgroup.
+const uint kNearGroups = 256u;
+const uint kNearSplats = 32u;
+
+// Where those of a workgroup begin.
+STGS_FN uint list_begin(uint group) {
+  uint near = group < kNearGroups ? group : kNearGroups;
+  return near * kNearSplats + (group - near) * kGroup;
+}
+
+// The workgroups for so many splats.
+STGS_FN uint list_groups(uint splats) {
+  uint near = kNearGroups * kNearSplats;
+  return splats <= near ? (splats + kNearSplats - 1u) / kNearSplats
+                        : kNearGroups + (splats - near + kGroup - 1u) / kGroup;
+}
 
 // Sums stop here, above any count that can be drawn, instead of overflowing.
 const uint kManyInstances = 1u << 30;
@@ -74,8 +97,8 @@ struct FrameInput {
 // Work whose extent the device finds: rows of four numbers, the groups of a dispatch along x, y and
 // z, and how many items there are.
 const uint kWorkSortDepth = 0u;   // items: visible splats
-const uint kWorkCountTiles = 1u;  // visible splats
-const uint kWorkListTiles = 2u;   // visible splats
+const uint kWorkCountTiles = 1u;  // workgroups for the visible splats
+const uint kWorkListTiles = 2u;   // the same
 const uint kWorkSortTiles = 3u;   // listed instances
 const uint kWorkFindRanges = 4u;  // listed instances
 const uint kWorks = 5u;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instances: for each splat, nearest first, the tiles that its ellipse meets. Those of one tile are
-// in the order of depth then, which the stable sort by tile keeps. The nearest are listed where not
-// all fit.
+// Instances: for each splat, nearest first, the tiles that its ellipse meets, and which quarters of
+// them, so that the blend need not look. Those of one tile are in the order of depth then, which
+// the stable sort by tile keeps. The nearest are listed where not all fit.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -27,46 +27,54 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
 const uint kStage = 2560u;
 
 shared uint stage[kStage];  // tile, and the splat's place in the workgroup in the lower eight bits
+shared uint stage_met[kStage / 8u];  // quarters, four bits each
 
-void write_instance(uint to, uint tile, uint splat) {
+void write_instance(uint to, uint tile, uint splat, uint met) {
   if (to >= listed) return;
   keys[to] = tile;
-  values[to] = splat;
+  values[to] = splat | met << kSplatBits;
 }
 
 // An instance of the splat at `of`; `first` is the workgroup's first place, `end` the next one's:
 // were more tiles found than were counted, they would be left out.
-void put(bool staged, uint first, uint end, uint to, uint tile, uint of) {
+void put(bool staged, uint first, uint end, uint to, uint tile, uint of, uint met) {
   if (to >= end) return;
   if (staged) {
-    stage[to - first] = tile << 8u | of;
+    uint at = to - first;
+    stage[at] = tile << 8u | of;
+    atomicOr(stage_met[at / 8u], met << 4u * (at % 8u));
   } else {
-    write_instance(to, tile, row_splats[of]);
+    write_instance(to, tile, row_splats[of], met);
   }
 }
 
 void main() {
   uint thread = thread_number(), group = group_number();
-  if (group * kGroup >= visible) return;
+  uint groups = list_groups(visible);
+  if (group >= groups) return;
   uint first = tile_places[group];
-  uint end = (group + 1u) * kGroup < visible ? tile_places[group + 1u] : instances;
+  uint end = group + 1u < groups ? tile_places[group + 1u] : instances;
   if (first >= listed) return;
   // Sums that stopped at the most that is counted say nothing of what lies between them.
   bool staged = end - first <= kStage && end < kManyInstances;
   // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
   // drawn.
   for (uint k = thread; staged && k < end - first; k += kGroup) stage[k] = 0u;
-  uint rows = load_rows(group * kGroup, thread), begin = first;
+  for (uint k = thread; k < kStage / 8u; k += kGroup) stage_met[k] = 0u;
+  uint rows = load_rows(group, thread), begin = first;
   for (uint row = thread; row - thread < rows; row += kGroup) {
-    RowTiles own = RowTiles(0u, 0u, 0u);
+    RowTiles own = RowTiles(0u, 0u, 0u, 0, ivec2(0), ivec2(0));
     if (row < rows) own = tiles_of_row(row);
     uint total, to = begin + sum_before(thread, own.count, total);
-    for (uint k = 0u; k < own.count; ++k) put(staged, first, end, to + k, own.first + k, own.place);
+    for (uint k = 0u; k < own.count; ++k) {
+      put(staged, first, end, to + k, own.first + k, own.place, met_of(own, k));
+    }
     begin += total;
   }
   if (!staged) return;
   barrier();
   for (uint k = thread; k < end - first; k += kGroup) {
-    write_instance(first + k, stage[k] >> 8u, row_splats[stage[k] & 0xFFu]);
+    uint met = stage_met[k / 8u] >> 4u * (k % 8u) & 0xFu;
+    write_instance(first + k, stage[k] >> 8u, row_splats[stage[k] & 0xFFu], met);
   }
 }

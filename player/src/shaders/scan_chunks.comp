@@ -26,7 +26,7 @@ void scan_sums(uint n, uint thread) {
   if (thread != 0u) return;
   visible = all;
   work[kWorkSortDepth] = work_for(all, kSortTile);
-  work[kWorkCountTiles] = work_for(all, kGroup);
+  work[kWorkCountTiles] = work_for(list_groups(all), 1u);
 }
 
 void main() {

@@ -44,7 +44,7 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
   STGS_TRY(room(chunk_sums, ceil_of(need.chunks, kScanTile), 4));
   for (Buffer& keys : depth_keys) STGS_TRY(room(keys, splat_count, 4));
   for (Buffer& order : orders) STGS_TRY(room(order, splat_count, 4));
-  STGS_TRY(room(tile_places, need.chunks, 4));
+  STGS_TRY(room(tile_places, kNearGroups + need.chunks, 4));
   for (Buffer& keys : tile_keys) STGS_TRY(room(keys, need.instances, 4));
   const std::uint64_t instances = std::min(tile_keys[0].bytes(), tile_keys[1].bytes()) / 4;
   for (Buffer& list : tile_splats) STGS_TRY(room(list, instances, 4));

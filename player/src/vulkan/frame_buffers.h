@@ -68,7 +68,7 @@ struct FrameBuffers {
   std::array<Buffer, 3> splats;              // frame.glsl's a, b, c; in the order of ids
   Buffer chunk_places, chunk_sums;           // splats of a chunk
   std::array<Buffer, 2> depth_keys, orders;  // after the sort in [0]: splats, nearest first
-  Buffer tile_places;                        // instances of kGroup splats
+  Buffer tile_places;                        // instances of the splats of a workgroup
   std::array<Buffer, 2> tile_keys, tile_splats;
   Buffer tile_ranges;
   Buffer digit_counts;
