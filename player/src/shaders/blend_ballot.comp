@@ -24,7 +24,7 @@ const uint kQuarters = 4u;
 const uint kSide = uint(kQuarterPixels);
 const uint kMostLanes = 32u, kMostEach = 4u;  // pixels of a lane, below each other
 const uint kEach = kSide * kSide / kLanes;
-const uint kStep = kSide / kEach;            // rows between them
+const uint kStep = kSide / kEach;  // rows between them
 
 shared vec4 stage_a[kQuarters * kMostLanes], stage_b[kQuarters * kMostLanes],
     stage_c[kQuarters * kMostLanes];
