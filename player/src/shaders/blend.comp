@@ -49,7 +49,7 @@ void main() {
   uint v = push.view;
   uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y), tile = gl_WorkGroupID.xy;
   if (tile.x >= tiles.x || tile.y >= tiles.y) return;
-  uint halvings = kFovea && square_is_halved(v, tile / 2u) ? 1u : 0u;
+  uint halvings = kFovea && square_is_halved(v, ivec2(tile / 2u)) ? 1u : 0u;
   // Within a block, four invocations are a square and sixteen are four.
   uvec2 at_block = uvec2(thread & 1u | thread >> 1u & 2u | thread >> 2u & 4u,
                          thread >> 1u & 1u | thread >> 2u & 2u);
@@ -60,7 +60,10 @@ void main() {
   uvec2 size = (whole + halvings) >> halvings;
   bool inside = block < kBlocks >> 2u * halvings && at_pixel.x < size.x && at_pixel.y < size.y;
   vec2 centre = vec2(at_pixel) + 0.5f;
-  uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
+  // A square that is halved has one list, and for quarters its tiles.
+  uvec2 lister = halvings == 1u ? tile & ~1u : tile;
+  uint wanted = (halvings == 1u ? 1u << (tile.x & 1u) + 2u * (tile.y & 1u) : 0xFu) << kSplatBits;
+  uvec2 range = tile_ranges[frame.view[v].first_tile + lister.y * tiles.x + lister.x];
   range.x = ~range.x;
   bool finished = !inside;
   vec4 sums = vec4(0.0f);
@@ -76,13 +79,13 @@ void main() {
     if (unfinished[turn] == 0u) break;
     turn ^= 1u;
     if (at + thread < range.y) {
-      uint splat = list[at + thread] & (1u << kSplatBits) - 1u;
+      uint number = list[at + thread], splat = number & (1u << kSplatBits) - 1u;
       vec4 a = splat_a[splat], b = splat_b[splat];
       if (kFovea && halvings == 1u) halve_splat(a, b);
       stage_a[thread] = a;
       stage_b[thread] = b;
       stage_c[thread] = splat_c[splat];
-      find_hits(thread, a, b, vec2(corner), halvings);
+      if ((number & wanted) != 0u) find_hits(thread, a, b, vec2(corner), halvings);
     }
     barrier();
     for (uint word = 0u; word < kWords && !finished; ++word) {

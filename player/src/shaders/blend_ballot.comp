@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending, nearest first, where subgroups are known: each draws 8 x 8 pixels by itself, without a
-// barrier of the workgroup: a quarter of a tile, or all of one at half resolution. It takes the
-// tile's list a splat a lane, keeps those whose ellipse meets its quarter, and goes through these.
+// barrier of the workgroup: a quarter of a tile, or at half resolution a tile of a square. It takes
+// the list a splat a lane, keeps those whose ellipse meets its quarter, and goes through these.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -59,7 +59,7 @@ void main() {
   uint quarter = gl_SubgroupID, lane = gl_SubgroupInvocationID, stage = quarter * kMostLanes;
   uint v = push.view;
   // Of a square at half resolution, the first workgroup draws all four tiles.
-  uint halvings = kFovea && square_is_halved(v, gl_WorkGroupID.xy / 2u) ? 1u : 0u;
+  uint halvings = kFovea && square_is_halved(v, ivec2(gl_WorkGroupID.xy / 2u)) ? 1u : 0u;
   if (halvings == 1u && (gl_WorkGroupID.xy & 1u) != uvec2(0u)) return;
   uvec2 part = uvec2(quarter % 2u, quarter / 2u);
   uvec2 tile = gl_WorkGroupID.xy + part * halvings;
@@ -77,10 +77,11 @@ void main() {
     transmittance[k] = inside ? 1.0f : -1.0f;
     sums[k] = vec4(0.0f);
   }
-  uvec2 range = tile_ranges[frame.view[v].first_tile + tile.y * tiles.x + tile.x];
+  // Of a square that is the first tile's.
+  uvec2 range =
+      tile_ranges[frame.view[v].first_tile + gl_WorkGroupID.y * tiles.x + gl_WorkGroupID.x];
   range.x = ~range.x;
-  // At half resolution all of the tile is drawn here.
-  uint wanted = (halvings == 1u ? 0xFu : 1u << quarter) << kSplatBits;
+  uint wanted = 1u << kSplatBits << quarter;
   // A splat is asked for one batch ahead, its number two.
   vec4 a = vec4(0.0f), b = vec4(0.0f), c = vec4(0.0f);
   uint number = range.x + lane < range.y ? list[range.x + lane] : 0u;

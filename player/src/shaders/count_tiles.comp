@@ -11,6 +11,7 @@
 
 // After frame.glsl, on which they build.
 #include "footprint.glsl"
+#include "fovea.glsl"
 #include "last.glsl"
 #include "scan.glsl"
 #include "tile_rows.glsl"
@@ -45,7 +46,7 @@ void main() {
   uint groups = list_groups(visible);
   if (group >= groups) return;
   uint rows = load_rows(group, thread), count = 0u, total;
-  for (uint row = thread; row < rows; row += kGroup) count += tiles_of_row(row).count;
+  for (uint row = thread; row < rows; row += kGroup) count += count_of(tiles_of_row(row));
   sum_before(thread, min(count, kManyInstances), total);
   if (thread == 0u) tile_places[group] = total;
   if (is_last(kEndedCountTiles, groups, thread)) scan_places(groups, thread);

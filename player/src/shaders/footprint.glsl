@@ -9,15 +9,16 @@ const float kLimitSlack = 0.75e-4f;
 // are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
-  int row, rows;  // of tiles
-  int tiles_x;    // of its view, as what follows
-  float quarters_x;
+  int row, rows;  // of tiles, or of squares of 2 x 2 where frame.squares says so
+  uint view;
+  int pixels_x, tiles_x;  // of its view, as what follows
   uint first_tile;
   float last_pixel;  // the centre of the lowest row
 };
 
 Footprint footprint_of(uint splat) {
-  const float tile = float(kTilePixels);
+  int row_pixels = kTilePixels << frame.squares;
+  float side = float(row_pixels);
   vec4 a = splat_a[splat], b = splat_b[splat];
   uint v = splat / (frame.chunks * kGroup);
   vec2 extent = b.zw;
@@ -36,21 +37,22 @@ Footprint footprint_of(uint splat) {
   if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
   precise float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
   f.slack = slack + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
+  f.view = v;
+  f.pixels_x = frame.view[v].width;
   f.tiles_x = frame.view[v].tiles_x;
-  f.quarters_x = float((frame.view[v].width + kQuarterPixels - 1) / kQuarterPixels);
   f.first_tile = frame.view[v].first_tile;
   f.last_pixel = float(frame.view[v].height) - 0.5f;
-  float count = float(frame.view[v].tiles_y);
-  precise float first = ceil((f.y - extent.y - slack - (tile - 0.5f)) / tile);
-  precise float last = floor((f.y + extent.y + slack - 0.5f) / tile);
+  float count = float((frame.view[v].height + row_pixels - 1) / row_pixels);
+  precise float first = ceil((f.y - extent.y - slack - (side - 0.5f)) / side);
+  precise float last = floor((f.y + extent.y + slack - 0.5f) / side);
   f.row = int(clamp(first, 0.0f, count));
   f.rows = max(int(clamp(last, -1.0f, count - 1.0f)) - f.row + 1, 0);
   return f;
 }
 
-// Quarters that are met in a row of them: the first, and how many.
-ivec2 span_of(Footprint f, int row) {
-  const float side = float(kQuarterPixels);
+// The squares of so many pixels that are met in a row of them: the first, and how many.
+ivec2 span_of(Footprint f, int row, int pixels) {
+  float side = float(pixels);
   float top = float(row) * side + 0.5f;
   float bottom = min(top + (side - 1.0f), f.last_pixel);
   precise float above = (top - f.y) * f.per_height, below = (bottom - f.y) * f.per_height;
@@ -63,8 +65,9 @@ ivec2 span_of(Footprint f, int row) {
                         f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
   precise float left = f.x + f.slope * at_left -
                        f.width * sqrt(max(1.0f - at_left * at_left, 0.0f) + 1e-6f) - f.slack;
-  int first = int(clamp(ceil((left - (side - 0.5f)) / side), 0.0f, f.quarters_x));
-  int last = int(clamp(floor((right - 0.5f) / side), -1.0f, f.quarters_x - 1.0f));
+  float count = float((f.pixels_x + pixels - 1) / pixels);
+  int first = int(clamp(ceil((left - (side - 0.5f)) / side), 0.0f, count));
+  int last = int(clamp(floor((right - 0.5f) / side), -1.0f, count - 1.0f));
   return ivec2(first, max(last - first + 1, 0));
 }
 

@@ -1,12 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a picture is drawn at half resolution, and what splats look like there. After frame.glsl,
-// on which it builds.
+// Where a picture is drawn at half resolution, and what splats look like there. Of such a square of
+// 2 x 2 tiles the first has the list of all, whose quarters are the tiles. After frame.glsl, on
+// which it builds.
 #include "stgs/format/math/fovea.h"
 
-// Whether the square of 2 x 2 tiles is.
-bool square_is_halved(uint view, uvec2 square) {
-  vec2 corner = vec2(square) * float(kFoveaSquare);
-  return beyond_fovea(frame.view[view].fovea, frame.view[view].fovea_radius, corner.x, corner.y);
+// Whether the square of 2 x 2 tiles is: as math::beyond_fovea tells, with roundings that are the
+// same wherever it is asked.
+bool square_is_halved(uint view, ivec2 square) {
+  const float side = float(kFoveaSquare);
+  Vec2 centre = frame.view[view].fovea;
+  float radius = frame.view[view].fovea_radius;
+  precise vec2 from = vec2(square) * side - vec2(centre.x, centre.y);
+  precise vec2 to = -from - side;
+  vec2 off = max(vec2(0.0f), max(from, to));
+  precise float squared = off.x * off.x + off.y * off.y, limit = radius * radius;
+  return squared > limit;
+}
+
+// The squares of a row of them that are not halved: the first, and how many.
+ivec2 sharp_squares(uint view, int row) {
+  const float side = float(kFoveaSquare);
+  Vec2 centre = frame.view[view].fovea;
+  float radius = frame.view[view].fovea_radius;
+  int count = (frame.view[view].tiles_x + 1) / 2;
+  float top = float(row) * side;
+  float off = max(0.0f, max(top - centre.y, centre.y - top - side));
+  float reach = sqrt(max(radius * radius - off * off, 0.0f));
+  int first = int(clamp(ceil((centre.x - side - reach) / side), 0.0f, float(count)));
+  int end = int(clamp(floor((centre.x + reach) / side), -1.0f, float(count - 1))) + 1;
+  // The root is rounded, by less than a square.
+  first = max(first - 1, 0);
+  end = min(end + 1, count);
+  while (first < end && square_is_halved(view, ivec2(first, row))) ++first;
+  while (first < end && square_is_halved(view, ivec2(end - 1, row))) --end;
+  return ivec2(first, max(end - first, 0));
 }
 
 // The splat's first two parts on the picture of half the size.

@@ -91,6 +91,7 @@ struct FrameInput {
   uint views;
   uint chunks;             // of a view
   uint instance_capacity;  // of all views
+  uint squares;            // 1 where a view has a fovea: splats are listed by rows of squares
   ViewInput view[kMostViews];
 };
 

@@ -12,6 +12,7 @@
 
 // After frame.glsl, on which they build.
 #include "footprint.glsl"
+#include "fovea.glsl"
 #include "scan.glsl"
 #include "tile_rows.glsl"
 
@@ -35,9 +36,12 @@ void write_instance(uint to, uint tile, uint splat, uint met) {
   values[to] = splat | met << kSplatBits;
 }
 
-// An instance of the splat at `of`; `first` is the workgroup's first place, `end` the next one's:
-// were more tiles found than were counted, they would be left out.
-void put(bool staged, uint first, uint end, uint to, uint tile, uint of, uint met) {
+// Where the workgroup's instances go: from `first` to before `end`, where the next one's are. Were
+// more tiles found than were counted, they would be left out.
+uint first, end;
+bool staged;
+
+void put(uint to, uint tile, uint of, uint met) {
   if (to >= end) return;
   if (staged) {
     uint at = to - first;
@@ -48,27 +52,54 @@ void put(bool staged, uint first, uint end, uint to, uint tile, uint of, uint me
   }
 }
 
+// Those of the span, `each` tiles apart in a line of them; returns the place after them.
+uint put_span(uint to, RowTiles row, ivec2 span, int line, int each, Cells met) {
+  uint tile = row.f.first_tile + uint(line * row.f.tiles_x + span.x * each);
+  for (int k = 0; k < span.y; ++k) {
+    put(to + uint(k), tile + uint(k * each), row.place, met_of(met, span.x + k));
+  }
+  return to + uint(span.y);
+}
+
+void put_row(uint to, RowTiles row) {
+  if (frame.squares == 0u) {
+    put_span(to, row, row.upper, row.row, 1, row.met);
+    return;
+  }
+  int line = 2 * row.row;
+  if (row.upper.y > 0) {
+    to = put_span(to, row, row.upper, line, 1, cells_of(row.f, line, kQuarterPixels));
+  }
+  if (row.lower.y > 0) {
+    to = put_span(to, row, row.lower, line + 1, 1, cells_of(row.f, line + 1, kQuarterPixels));
+  }
+  to = put_span(to, row, row.left, line, 2, row.met);
+  put_span(to, row, row.right, line, 2, row.met);
+}
+
 void main() {
   uint thread = thread_number(), group = group_number();
   uint groups = list_groups(visible);
   if (group >= groups) return;
-  uint first = tile_places[group];
-  uint end = group + 1u < groups ? tile_places[group + 1u] : instances;
+  first = tile_places[group];
+  end = group + 1u < groups ? tile_places[group + 1u] : instances;
   if (first >= listed) return;
   // Sums that stopped at the most that is counted say nothing of what lies between them.
-  bool staged = end - first <= kStage && end < kManyInstances;
+  staged = end - first <= kStage && end < kManyInstances;
   // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
   // drawn.
   for (uint k = thread; staged && k < end - first; k += kGroup) stage[k] = 0u;
   for (uint k = thread; k < kStage / 8u; k += kGroup) stage_met[k] = 0u;
   uint rows = load_rows(group, thread), begin = first;
   for (uint row = thread; row - thread < rows; row += kGroup) {
-    RowTiles own = RowTiles(0u, 0u, 0u, 0, ivec2(0), ivec2(0));
-    if (row < rows) own = tiles_of_row(row);
-    uint total, to = begin + sum_before(thread, own.count, total);
-    for (uint k = 0u; k < own.count; ++k) {
-      put(staged, first, end, to + k, own.first + k, own.place, met_of(own, k));
+    RowTiles own;
+    uint count = 0u, total;
+    if (row < rows) {
+      own = tiles_of_row(row);
+      count = count_of(own);
     }
+    uint to = begin + sum_before(thread, count, total);
+    if (count > 0u) put_row(to, own);
     begin += total;
   }
   if (!staged) return;

@@ -199,6 +199,7 @@ class ComputeRenderer final : public VulkanRenderer {
           views[i].fovea.value_or(Fovea{{}, std::numeric_limits<float>::infinity()});
       view.fovea = fovea.centre;
       view.fovea_radius = fovea.radius;
+      if (views[i].fovea) input.squares = 1;
       tiles += static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
     }
     return input;
