@@ -2,6 +2,7 @@
 // What every backend asks of a call.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -9,7 +10,7 @@
 
 namespace stgs::player {
 
-inline constexpr float kMaxSide = 32768;  // pixels
+inline constexpr int kMaxSide = 32768;  // pixels
 
 // kUsage where there are too few or too many views, or one of a size that cannot be drawn.
 inline Status check_views(const std::vector<View>& views) {
@@ -28,6 +29,16 @@ inline Status check_views(const std::vector<View>& views) {
     }
   }
   return {};
+}
+
+// A view's fovea, no farther off and no larger than where floats tell squares apart; without one,
+// one that covers any picture.
+inline Fovea fovea_of(const View& view) {
+  static constexpr float kFarthest = 1e6f, kLargest = 1e7f;  // pixels
+  if (!view.fovea) return {{0.0f, 0.0f}, kLargest};
+  const auto within = [](float x) { return std::clamp(x, -kFarthest, kFarthest); };
+  const Fovea& asked = *view.fovea;
+  return {{within(asked.centre.x), within(asked.centre.y)}, std::min(asked.radius, kLargest)};
 }
 
 }  // namespace stgs::player

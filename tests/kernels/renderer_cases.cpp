@@ -263,11 +263,33 @@ TEST_CASE("away from where the eye looks pictures are at half resolution, as the
   const View whole = view_of(101, 67);
   check_alike(*timeline, 0.97, {left, whole, right}, *device);
   check_alike(*timeline, 0.97, {left, right}, *variant);
+  const auto same_by = [&](Renderer& a, const std::vector<View>& views, Renderer& b,
+                           const std::vector<View>& others) {
+    const std::vector<Frame> of_a = draw(a, *timeline, 0.97, views);
+    const std::vector<Frame> of_b = draw(b, *timeline, 0.97, others);
+    for (std::size_t i = 0; i < of_a.size(); ++i) CHECK(same(of_a[i], of_b[i]));
+  };
+  same_by(*device, {left, whole, right}, *variant, {left, whole, right});
   View everywhere = left, nowhere = left;
   everywhere.fovea->radius = 1e6f;
   nowhere.fovea.reset();
-  CHECK(same(draw(*device, *timeline, 0.97, {everywhere})[0],
-             draw(*device, *timeline, 0.97, {nowhere})[0]));
+  same_by(*device, {everywhere}, *device, {nowhere});
+}
+
+TEST_CASE("a fovea may be anywhere, and of any size") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(2000, 1, kFrames, 31));
+  View view = view_of(150, 115);
+  const Fovea foveae[] = {{{75.0f, -1e9f}, 1e9f},
+                          {{75.0f, 1e6f}, 1e6f},
+                          {{1e30f, 0.0f}, 3e38f},
+                          {{96.0f, 64.0f}, 32.0f},
+                          {{-3e38f, 3e38f}, INFINITY}};
+  for (const Fovea& fovea : foveae) {
+    INFO("centre " << fovea.centre.x << ", " << fovea.centre.y << ", radius " << fovea.radius);
+    view.fovea = fovea;
+    check_alike(*timeline, 0.5, {view, view_of(40, 30)}, *device);
+  }
 }
 
 TEST_CASE("the number of views may change from call to call, and a view may see nothing") {
@@ -307,6 +329,14 @@ TEST_CASE("what is alive is found among many that are not, in segments of any si
       check_alike(*timeline, 0.52, {view_of(90, 70)}, *device);
     }
   }
+}
+
+TEST_CASE("more chunks of primitives and views than a workgroup sums are drawn") {
+  const auto device = device_renderer();
+  const auto timeline = timeline_over(random_scene(140000, 0, kFrames, 33));
+  const std::vector<View> views = {view_of(24, 20), view_of(33, 17), view_of(16, 16),
+                                   view_of(40, 9)};
+  check_alike(*timeline, 0.8, views, *device);
 }
 
 TEST_CASE("pictures do not depend on runs, variants, or what was drawn before") {

@@ -58,7 +58,7 @@ class CpuRenderer final : public Renderer {
   void draw(const Timeline::Active& active, const View& view, Frame& frame, RenderStats& stats) {
     RasterSettings settings;
     settings.background = view.background;
-    settings.fovea = view.fovea;
+    if (view.fovea) settings.fovea = fovea_of(view);
     auto clock = Clock::now();
     begin_frame(view.camera, splats_);
     for (const auto& part : active.parts) {

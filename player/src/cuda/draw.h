@@ -50,7 +50,7 @@ struct ViewInput {
   int tiles_x, tiles_y;
   std::uint32_t first_tile;  // of the frame's tiles; views follow each other
   math::Vec2 fovea;          // its centre, pixels
-  float fovea_radius;        // pixels; infinite: full resolution everywhere
+  float fovea_radius;        // pixels
   float* planes;             // 3 colours, alpha, depth
 };
 

@@ -5,9 +5,9 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 
 #include "cuda/pack_pixels.h"
+#include "views.h"
 
 namespace stgs::player::cuda {
 namespace {
@@ -114,7 +114,7 @@ void FrameGraph::fill_input(std::span<const View> views, std::span<const Part> p
     input.tiles_x = tiles_along(view.camera.width);
     input.tiles_y = tiles_along(view.camera.height);
     input.first_tile = tiles;
-    const Fovea fovea = view.fovea.value_or(Fovea{{}, std::numeric_limits<float>::infinity()});
+    const Fovea fovea = fovea_of(view);
     input.fovea = fovea.centre;
     input.fovea_radius = fovea.radius;
     input.planes = reinterpret_cast<float*>(pictures_.data() + places_[i].offset);

@@ -95,9 +95,9 @@ void main() {
         bits &= bits - 1u;
         vec4 a = stage_a[k], b = stage_b[k];
         vec2 d = centre - a.xy;
-        float log2_alpha = min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), b.y + a.z * d.x * d.x));
+        float log2_alpha = min(b.y, fma(d.y, fma(b.x, d.y, a.w * d.x), fma(a.z * d.x, d.x, b.y)));
         if (log2_alpha < kLog2Threshold) continue;
-        float weight = exp2(min(log2_alpha, kLog2AlphaMax)) * t, after = t - weight;
+        precise float weight = exp2(min(log2_alpha, kLog2AlphaMax)) * t, after = t - weight;
         if (after < kTransmittanceMin) {
           finished = true;
           break;

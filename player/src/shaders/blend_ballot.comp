@@ -38,7 +38,8 @@ void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     float dy = first.y + float(k * kStep) - a.y;
     float log2_alpha = min(b.z, fma(dy, fma(b.x, dy, cross_), along));
-    float t = transmittance[k], weight = exp2(log2_alpha) * t, after = t - weight;
+    float t = transmittance[k];
+    precise float weight = exp2(log2_alpha) * t, after = t - weight;  // as blend.comp rounds
     // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
     bool met = log2_alpha >= kLog2Threshold, drawn = met && after >= kTransmittanceMin;
     sums[k] = fma(vec4(drawn ? weight : 0.0f), c, sums[k]);

@@ -66,8 +66,10 @@ layout(push_constant) uniform PushBlock {
   Push push;
 };
 
-const float kLog2Threshold = -7.99435344f;   // log2(kAlphaThreshold)
-const float kLog2AlphaMax = -0.0144995697f;  // log2(kAlphaMax)
+const float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
+// A little above log2(kAlphaMax): whatever exp2 rounds, two such splats end a pixel, as
+// kAlphaMax's.
+const float kLog2AlphaMax = -0.014499f;
 
 // The workgroup's number in a dispatch that may extend along y.
 uint group_number() {

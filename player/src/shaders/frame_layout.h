@@ -31,8 +31,9 @@ const uint kDigits = 256u;     // of a pass of the sort
 const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
 const uint kMostViews = 4u;    // of a frame
 
-// In a tile's list a splat's number has the bits below this one, which no buffer of splats exceeds;
-// those from it on tell which of the tile's quarters it meets: bit x + 2 y.
+// In a tile's list a splat's number has the bits below this one, enough for 16 bytes a splat in any
+// buffer, whose bytes 32 bits count. Those from it on tell which of the tile's quarters it meets,
+// or of a square at half resolution which tiles: bit x + 2 y.
 const uint kSplatBits = 28u;
 
 // Workgroups list so many splats each, in the order of depth: few of the nearest, which have many
@@ -82,7 +83,7 @@ struct ViewInput {
   int tiles_x, tiles_y;
   uint first_tile;     // of the frame's, which are those of its views one after the other
   Vec2 fovea;          // its centre, pixels
-  float fovea_radius;  // pixels; infinite: full resolution everywhere
+  float fovea_radius;  // pixels
 };
 
 // What a frame is drawn from, beside its parts, which follow it. All views have all chunks: splat s

@@ -10,6 +10,7 @@ bool is_last(uint number, uint groups, uint thread) {
   if (thread == 0u) {
     memoryBarrierBuffer();
     is_last_here = atomicAdd(ended[number], 1u) + 1u == groups;
+    memoryBarrierBuffer();
   }
   barrier();
   if (is_last_here) memoryBarrierBuffer();

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instances: for each splat, nearest first, the tiles that its ellipse meets, and which quarters of
-// them, so that the blend need not look. Those of one tile are in the order of depth then, which
-// the stable sort by tile keeps. The nearest are listed where not all fit.
+// Instances: for each splat, nearest first, the tiles that its ellipse meets, or squares of 2 x 2
+// at half resolution, and which quarters of them, so that the blend need not look. Those of one
+// tile are in the order of depth then, which the stable sort by tile keeps. The nearest are listed
+// where not all fit.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require

@@ -9,13 +9,16 @@
 
 #include "frame_layout.h"
 #include "stgs/player/vulkan_instance.h"
+#include "vulkan/pipelines.h"
 
 namespace stgs::player::vulkan {
 namespace {
 
-constexpr std::uint32_t kStorageBuffers = 19;  // of a shader's layout
+constexpr std::uint32_t kStorageBuffers = kFrameBindings + kStageBindings;
 constexpr std::uint32_t kSharedBytes = 16384;
-constexpr std::uint32_t kBallotSharedBytes = 18560;  // of sort_scatter_ballot.comp with 16 lanes
+// Of sort_scatter_ballot.comp with 16 lanes: keys and values, places and digits, sums.
+constexpr std::uint32_t kBallotSharedBytes = 8 * kSortTile + 2 * 4 * kDigits + 4 * 2 * 16;
+static_assert(kBallotSharedBytes == 18560);
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 // How long a frame is looked for before its interrupt is waited for: longer than most take.
 constexpr std::chrono::milliseconds kLookedFor{4};
@@ -61,7 +64,8 @@ bool has_extension(VkPhysicalDevice device, const char* name) {
 }
 
 // The size of the device's subgroups where all have one, else 0. Without that promise, the
-// invocations of a workgroup may be in more subgroups than their size tells.
+// invocations of a workgroup may be in more subgroups than their size tells; with it, those of one
+// whose size is a multiple of theirs fill them.
 std::uint32_t fixed_subgroups(VkPhysicalDevice device) {
   if (!has_extension(device, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME)) return 0;
   auto sizes = structure<VkPhysicalDeviceSubgroupSizeControlProperties>(

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "frame_layout.h"
+#include "views.h"
 #include "vulkan/buffer.h"
 
 namespace stgs::player::vulkan {
@@ -22,7 +23,10 @@ inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
 inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded;
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
-inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 4;
+inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
+// list_tiles.comp has a tile's number beside 8 bits of another.
+static_assert(kMaxViews * (kMaxSide / kTilePixels) * (kMaxSide / kTilePixels) <=
+              1u << 8 * kMostTilePasses);
 
 // The rows of a frame's DigitBuffer (frame.glsl), where so many splats and instances are sorted at
 // most.

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 
 namespace stgs::player::vulkan {
 namespace {
@@ -266,7 +265,7 @@ class FrameCommands::Recorder {
       push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
       push.view = v;
       const ViewInput& view = work_.input->view[v];
-      const bool fovea = std::isfinite(view.fovea_radius);
+      const bool fovea = work_.input->squares != 0;
       use(fovea ? Shader::kBlendFovea : Shader::kBlend, push);
       const auto groups = [fovea](int tiles) {  // with a fovea, of whole squares of 2 x 2
         return static_cast<std::uint32_t>(fovea ? (tiles + 1) / 2 * 2 : tiles);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shaders, ready to be dispatched. All have one layout: set 0 is the view's buffers
+// The shaders, ready to be dispatched. All have one layout: set 0 is the frame's buffers
 // (frame.glsl), set 1 up to four of the stage, and the constants of frame_layout.h's Push.
 #pragma once
 

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstring>
 #include <exception>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -195,8 +194,7 @@ class ComputeRenderer final : public VulkanRenderer {
       view.tiles_x = tiles_along(pictures_[i].width);
       view.tiles_y = tiles_along(pictures_[i].height);
       view.first_tile = tiles;
-      const Fovea fovea =
-          views[i].fovea.value_or(Fovea{{}, std::numeric_limits<float>::infinity()});
+      const Fovea fovea = fovea_of(views[i]);
       view.fovea = fovea.centre;
       view.fovea_radius = fovea.radius;
       if (views[i].fovea) input.squares = 1;
