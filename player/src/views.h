@@ -6,11 +6,10 @@
 #include <cmath>
 #include <vector>
 
+#include "stgs/format/camera.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::player {
-
-inline constexpr int kMaxSide = 32768;  // pixels
 
 // kUsage where there are too few or too many views, or one of a size that cannot be drawn.
 inline Status check_views(const std::vector<View>& views) {
@@ -18,10 +17,10 @@ inline Status check_views(const std::vector<View>& views) {
     return usage_error("a call draws 1 to {} views, not {}", kMaxViews, views.size());
   }
   for (const View& view : views) {
-    const auto side = [](float v) { return v >= 1 && v <= kMaxSide; };
+    const auto side = [](float v) { return v >= 1 && v <= kMaxPictureSide; };
     if (!side(view.camera.width) || !side(view.camera.height)) {
       return usage_error("a view of {}x{} pixels cannot be drawn; each side is 1 to {}",
-                         view.camera.width, view.camera.height, kMaxSide);
+                         view.camera.width, view.camera.height, kMaxPictureSide);
     }
     if (view.fovea && !(view.fovea->radius >= 0 && std::isfinite(view.fovea->centre.x) &&
                         std::isfinite(view.fovea->centre.y))) {

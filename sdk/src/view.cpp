@@ -127,15 +127,7 @@ stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
       stgs::sdk::give_struct(view, out);
       return stgs::unsupported("{}: has no start camera", scene->timeline->name());
     }
-    const stgs::StartCamera& start = *metadata.start_camera;
-    std::copy_n(start.rotation, 9, out.rotation);
-    std::copy_n(start.translation, 3, out.translation);
-    out.fx = start.fx;
-    out.fy = start.fy;
-    out.cx = start.cx;
-    out.cy = start.cy;
-    out.width = start.width;
-    out.height = start.height;
+    stgs::sdk::set_camera(*metadata.start_camera, out);
     stgs::sdk::give_struct(view, out);
     return {};
   });

@@ -22,4 +22,15 @@ inline StartCamera camera_of(const stgs_view& view) {
   return camera;
 }
 
+inline void set_camera(const StartCamera& camera, stgs_view& view) {
+  std::copy_n(camera.rotation, 9, view.rotation);
+  std::copy_n(camera.translation, 3, view.translation);
+  view.fx = camera.fx;
+  view.fy = camera.fy;
+  view.cx = camera.cx;
+  view.cy = camera.cy;
+  view.width = camera.width;
+  view.height = camera.height;
+}
+
 }  // namespace stgs::sdk

@@ -33,6 +33,51 @@ inline Bytes bytes_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
+// Primitives of degree 0, with arrays for all that a stretch may have.
+struct Primitives {
+  std::vector<float> position, velocity, scale, rotation, opacity, sh, time, sigma, radius,
+      importance;
+
+  explicit Primitives(std::size_t count, float x = 0) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto at = static_cast<float>(i);
+      position.insert(position.end(), {x + 0.5f * at, -0.25f * at, 4});
+      velocity.insert(velocity.end(), {0, 0.6f, -0.3f});
+      scale.insert(scale.end(), {0.1f, 0.2f, 0.4f});
+      rotation.insert(rotation.end(), {2, 0.4f, 0, 1});
+      opacity.push_back(0.5f);
+      sh.insert(sh.end(), {1, -0.5f, 0.25f});
+      time.push_back(0.2f);
+      sigma.push_back(0.02f);
+      radius.push_back(0.1f);
+      importance.push_back(1);
+    }
+  }
+  stgs_stretch stretch(std::uint32_t frames) const {
+    stgs_stretch out;
+    REQUIRE(stgs_stretch_defaults(&out, sizeof out) == STGS_OK);
+    out.frames = frames;
+    out.count = opacity.size();
+    out.position = position.data();
+    out.velocity = velocity.data();
+    out.scale = scale.data();
+    out.rotation = rotation.data();
+    out.opacity = opacity.data();
+    out.sh = sh.data();
+    out.time = time.data();
+    out.sigma = sigma.data();
+    out.radius = radius.data();
+    out.importance = importance.data();
+    return out;
+  }
+  // What must be told of each alone.
+  stgs_stretch plain(std::uint32_t frames) const {
+    stgs_stretch out = stretch(frames);
+    out.velocity = out.rotation = out.time = out.sigma = out.radius = out.importance = nullptr;
+    return out;
+  }
+};
+
 struct DestroyEncoder {
   void operator()(stgs_encoder* encoder) const { stgs_encoder_destroy(encoder); }
 };

@@ -13,29 +13,6 @@ bool is_told(stgs_result result) {
   return result == STGS_OK || result == STGS_ERROR_OUT_OF_MEMORY;
 }
 
-// Some primitives that are seen all the time.
-struct Cloud {
-  std::vector<float> position, scale, opacity, sh;
-
-  explicit Cloud(std::size_t count) : scale(3 * count, 0.1f), opacity(count, 0.5f) {
-    for (std::size_t i = 0; i < 3 * count; ++i) {
-      position.push_back(static_cast<float>(i * 37 % 100));
-      sh.push_back(static_cast<float>(i * 11 % 7) / 7);
-    }
-  }
-  stgs_stretch stretch() const {
-    stgs_stretch out;
-    REQUIRE(stgs_stretch_defaults(&out, sizeof out) == STGS_OK);
-    out.frames = kFrames;
-    out.count = opacity.size();
-    out.position = position.data();
-    out.scale = scale.data();
-    out.opacity = opacity.data();
-    out.sh = sh.data();
-    return out;
-  }
-};
-
 // The nth request within `call` finds no memory, in one thread, so that it is the same each time;
 // whether there was one.
 template <typename Call>
@@ -71,8 +48,8 @@ Bytes recorded(const std::string& path, const stgs_stretch& stretch) {
 TEST_CASE("a scene is recorded with memory that ends at any moment", "[sdk]") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
-  const Cloud cloud(40);
-  const stgs_stretch stretch = cloud.stretch();
+  const Primitives cloud(40);
+  const stgs_stretch stretch = cloud.stretch(kFrames);
   const Bytes whole = recorded(folder / "whole.stgs", stretch);
   const stgs_record_settings settings = settings_of_one_thread();
   int failures = 0;
@@ -110,8 +87,8 @@ TEST_CASE("a scene is recorded with memory that ends at any moment", "[sdk]") {
 TEST_CASE("a scene is packed with memory that ends at any moment", "[sdk]") {
   const TemporaryFolder folder;
   const std::string scene = folder / "scene.stgs", output = folder / "packed.stgs";
-  const Cloud cloud(40);
-  recorded(scene, cloud.stretch());
+  const Primitives cloud(40);
+  recorded(scene, cloud.stretch(kFrames));
   const char* const scenes[] = {scene.c_str()};
   const Watched watched(1);
   REQUIRE(stgs_encoder_pack(watched.get(), scenes, 1, output.c_str(), nullptr, nullptr) == STGS_OK);

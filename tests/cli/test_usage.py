@@ -51,7 +51,7 @@ class Usage(CliTest):
             ("holds one picture, but 2 are asked for", [*render, "--frames", "0:2"]),
             ("'12' is not a size", [*render, "--time", "0", "--size", "12"]),
             ("'0x9' is not a size", [*render, "--time", "0", "--size", "0x9"]),
-            ("'99999x9' is not a size", [*render, "--time", "0", "--size", "99999x9"]),
+            ("each 1 to 32768, such as 1280x720", [*render, "--time", "0", "--size", "99999x9"]),
             ("'1,2' is not a colour", [*render, "--time", "0", "--background", "1,2"]),
             ("'1,1,x' is not a colour", [*render, "--time", "0", "--background", "1,1,x"]),
             ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),

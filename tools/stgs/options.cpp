@@ -50,7 +50,9 @@ Result<Size> parse_size(const std::string& text) {
                     read_int(std::string_view(text).substr(cross + 1), size.height);
   const auto side = [](int v) { return v >= 1 && v <= kMaxPictureSide; };
   if (!read || !side(size.width) || !side(size.height)) {
-    return usage_error("'{}' is not a size; write WIDTHxHEIGHT in pixels, such as 1280x720", text);
+    return usage_error(
+        "'{}' is not a size; write WIDTHxHEIGHT in pixels, each 1 to {}, such as 1280x720", text,
+        kMaxPictureSide);
   }
   return size;
 }

@@ -20,7 +20,6 @@ layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };
 
-const uint kQuarters = 4u;
 const uint kSide = uint(kQuarterPixels);
 const uint kMostLanes = 32u, kMostEach = 4u;  // pixels of a lane, below each other
 const uint kEach = kSide * kSide / kLanes;

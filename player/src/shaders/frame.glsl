@@ -37,7 +37,7 @@ layout(std430, set = 0, binding = 7) coherent buffer TilePlaceBuffer {
 };
 layout(std430, set = 0, binding = 8) buffer RangeBuffer {
   // Of a tile of the frame: ~first and last + 1 of its instances, both the greatest that was found
-  // on them; 0 and 0 where it has none.
+  // on them; 0 and 0 where it has none. A square at half resolution has all at its first tile.
   uvec2 tile_ranges[];
 };
 // Rows of kDigits numbers, how many keys have each digit: of the workgroups of a pass of the sort,

@@ -24,6 +24,7 @@ STGS_LAYOUT_BEGIN
 
 const int kTilePixels = 16;    // width and height, as kTileSize of raster.h
 const int kQuarterPixels = 8;  // of a quarter of a tile
+const uint kQuarters = 4u;     // of a tile; where subgroups are known, each blends one
 const uint kGroup = 256u;      // invocations of a workgroup, and primitives of a chunk
 const uint kSortTile = 2048u;  // keys that a workgroup sorts
 const uint kScanTile = 2048u;  // numbers that a workgroup sums

@@ -37,15 +37,15 @@ void write_instance(uint to, uint tile, uint splat, uint met) {
   values[to] = splat | met << kSplatBits;
 }
 
-// Where the workgroup's instances go: from `first` to before `end`, where the next one's are. Were
-// more tiles found than were counted, they would be left out.
-uint first, end;
+// Where the workgroup's instances go: from `first_place` to before `end_place`, where the next
+// one's are. Were more tiles found than were counted, they would be left out.
+uint first_place, end_place;
 bool staged;
 
 void put(uint to, uint tile, uint of, uint met) {
-  if (to >= end) return;
+  if (to >= end_place) return;
   if (staged) {
-    uint at = to - first;
+    uint at = to - first_place;
     stage[at] = tile << 8u | of;
     atomicOr(stage_met[at / 8u], met << 4u * (at % 8u));
   } else {
@@ -82,16 +82,16 @@ void main() {
   uint thread = thread_number(), group = group_number();
   uint groups = list_groups(visible);
   if (group >= groups) return;
-  first = tile_places[group];
-  end = group + 1u < groups ? tile_places[group + 1u] : instances;
-  if (first >= listed) return;
+  first_place = tile_places[group];
+  end_place = group + 1u < groups ? tile_places[group + 1u] : instances;
+  if (first_place >= listed) return;
   // Sums that stopped at the most that is counted say nothing of what lies between them.
-  staged = end - first <= kStage && end < kManyInstances;
+  staged = end_place - first_place <= kStage && end_place < kManyInstances;
   // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
   // drawn.
-  for (uint k = thread; staged && k < end - first; k += kGroup) stage[k] = 0u;
+  for (uint k = thread; staged && k < end_place - first_place; k += kGroup) stage[k] = 0u;
   for (uint k = thread; k < kStage / 8u; k += kGroup) stage_met[k] = 0u;
-  uint rows = load_rows(group, thread), begin = first;
+  uint rows = load_rows(group, thread), begin = first_place;
   for (uint row = thread; row - thread < rows; row += kGroup) {
     RowTiles own;
     uint count = 0u, total;
@@ -105,8 +105,8 @@ void main() {
   }
   if (!staged) return;
   barrier();
-  for (uint k = thread; k < end - first; k += kGroup) {
+  for (uint k = thread; k < end_place - first_place; k += kGroup) {
     uint met = stage_met[k / 8u] >> 4u * (k % 8u) & 0xFu;
-    write_instance(first + k, stage[k] >> 8u, row_splats[stage[k] & 0xFFu], met);
+    write_instance(first_place + k, stage[k] >> 8u, row_splats[stage[k] & 0xFFu], met);
   }
 }

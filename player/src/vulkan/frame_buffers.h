@@ -25,7 +25,7 @@ inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkByte
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
 // list_tiles.comp has a tile's number beside 8 bits of another.
-static_assert(kMaxViews * (kMaxSide / kTilePixels) * (kMaxSide / kTilePixels) <=
+static_assert(kMaxViews * (kMaxPictureSide / kTilePixels) * (kMaxPictureSide / kTilePixels) <=
               1u << 8 * kMostTilePasses);
 
 // The rows of a frame's DigitBuffer (frame.glsl), where so many splats and instances are sorted at

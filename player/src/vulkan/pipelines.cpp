@@ -55,8 +55,6 @@ constexpr std::uint32_t kBlendBallotCode[] = {
 #include "blend_ballot.spv.inc"
 };
 
-constexpr std::uint32_t kQuarters = 4;  // of a tile, a subgroup each, in blend_ballot.comp
-
 struct Code {
   std::span<const std::uint32_t> anywhere, ballot;  // for any subgroups; where they are known
 };
