@@ -5,6 +5,7 @@
 
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs::player {
 
@@ -15,13 +16,16 @@ HeldSegment::HeldSegment(Gaussians4D decoded, std::shared_ptr<std::pmr::memory_r
       end(set.time.get_allocator()) {
   begin.resize(set.size());
   end.resize(set.size());
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    const math::Support support =
-        math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i], set.sigma[i],
-                                set.radius[i], math::kAlphaThreshold);
-    begin[i] = support.begin;
-    end[i] = support.end;
-  }
+  constexpr std::size_t kBlock = 4096;
+  parallel_blocks(std::size_t{0}, set.size(), kBlock, [this](std::size_t first, std::size_t last) {
+    for (std::size_t i = first; i < last; ++i) {
+      const math::Support support =
+          math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i],
+                                  set.sigma[i], set.radius[i], math::kAlphaThreshold);
+      begin[i] = support.begin;
+      end[i] = support.end;
+    }
+  });
 }
 
 void HeldSegment::find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const {

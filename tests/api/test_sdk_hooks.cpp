@@ -147,7 +147,7 @@ TEST_CASE("a player decodes by the application's threads, and by no others", "[s
   statistics.struct_size = sizeof statistics;
   REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status&) {
     REQUIRE(stgs_player_get_statistics(player.get(), &statistics) == STGS_OK);
-    return jobs.runs == 1 && statistics.fetched_bytes > clip_file().size() / 2;
+    return jobs.runs > 0 && statistics.fetched_bytes > clip_file().size() / 2;
   }));
   CHECK(statistics.stored_primitives == 0);
   CHECK(update(player.get(), 0).ready == 0);

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -40,7 +41,7 @@ class DeviceMemory {
     bytes_ = cudaMalloc(reinterpret_cast<void**>(&data_), bytes) == cudaSuccess ? bytes : 0;
     return data_;
   }
-  const float* hold(const FloatArray& values) {
+  const float* hold(std::span<const float> values) {
     char* const to = room(values.size() * sizeof(float));
     if (to != nullptr) {
       cudaMemcpy(to, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);
@@ -59,8 +60,8 @@ struct StillSet {
   int degree = 0, coefficients = 0;
 
   StillSet(const Gaussians4D& set, float ticks)
-      : rotation(set.rotation),
-        sh(set.sh),
+      : rotation(set.rotation.begin(), set.rotation.end()),
+        sh(set.sh.begin(), set.sh.end()),
         degree(set.sh_degree),
         coefficients(set.sh_coefficients()) {
     const std::size_t n = set.size();
@@ -114,7 +115,7 @@ class Peer {
                                     -(r.xz * t.x + r.yz * t.y + r.zz * t.z)};
     const float* const on_device[] = {inputs_[0].hold(view), inputs_[1].hold(clip),
                                       inputs_[2].hold(eye),
-                                      inputs_[3].hold({background, background + 3})};
+                                      inputs_[3].hold({background, 3})};
     Image picture;
     picture.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
     auto* const colour =

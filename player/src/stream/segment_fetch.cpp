@@ -271,7 +271,7 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
       if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kLost, status);
     }
   }
-  if (came) to_decode_.notify_one();
+  if (came) to_decode_.notify_all();
   // What a link carried before it failed tells nothing of what it carries after.
   if (!status.ok()) throughput_.forget();
 }

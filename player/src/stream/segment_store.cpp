@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "stgs/format/parallel.h"
 #include "stream/no_memory.h"
 
 namespace stgs::player {
@@ -124,10 +125,18 @@ int SegmentStore::tiers() const {
   return tiers_;
 }
 
+// How many segments are decoded at once. Each is decoded on all cores already: this is for what one
+// core does of it alone.
+int SegmentStore::decoders() const {
+  constexpr int kMost = 8;  // each has its scratch memory
+  const UseTaskRunner use(settings_.task_runner);
+  return std::clamp(concurrency(), 1, kMost);
+}
+
 void SegmentStore::start_threads() {
   try {
     for (int k = 0; k < settings_.fetches; ++k) run_thread(&SegmentStore::fetch_pieces);
-    run_thread(&SegmentStore::decode_segments);
+    for (int k = 0; k < decoders(); ++k) run_thread(&SegmentStore::decode_segments);
   } catch (...) {
     stop();
     for (std::thread& thread : threads_) thread.join();
@@ -156,7 +165,7 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
     if (jumped) full_from_ = kForEver;
   }
   to_fetch_.notify_all();
-  to_decode_.notify_one();
+  to_decode_.notify_all();
 }
 
 std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,

@@ -115,6 +115,7 @@ class SegmentStore {
   bool goes_on(const SceneReader& reader) const;
   void take_reader(std::shared_ptr<const SceneReader> reader);
   void forget_segments();
+  int decoders() const;
   void start_threads();
   void run_thread(void (SegmentStore::*work)());
   void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
