@@ -30,25 +30,33 @@ __device__ float exp2_fast(float x) {
 #endif
 }
 
+// What the frame has brought so far.
+struct BlendLists {
+  const uint2* ranges;        // a tile
+  const std::uint32_t* list;  // of all tiles
+  const ScreenSplat* splats;
+  std::uint32_t* patches;  // kPatchClasses x patch_capacity, where there are foveae
+  std::uint32_t patch_capacity;
+};
+
 struct Pixel {
   float y;              // centre
   float transmittance;  // below 0 where the pixel is finished, or outside of the picture
   float red, green, blue, depth;
 };
 
-// Adds a splat of the weight alpha T where log2(alpha) >= kLog2Threshold, unless that would leave
-// less than kTransmittanceMin: then the pixel is finished. Returns whether it was added. Without
-// branches: most splats that are gone through are drawn at some pixel of the lanes.
-__device__ bool add(Pixel& pixel, float log2_alpha, float weight, const float4& colour) {
-  const float t = pixel.transmittance, after = t - weight;
-  const bool met = log2_alpha >= kLog2Threshold, drawn = met && after >= kTransmittanceMin;
+// Adds a splat of the weight alpha T, unless that would leave less than kTransmittanceMin: then the
+// pixel is finished. Without branches: most splats that are gone through are drawn at some pixel of
+// the lanes. Of a finished pixel the weight is not above 0, and what it would leave below 0.
+__device__ void add(Pixel& pixel, float weight, const float4& colour) {
+  const float after = pixel.transmittance - weight, finished = -fabsf(pixel.transmittance);
+  const bool drawn = after >= kTransmittanceMin;
   const float added = drawn ? weight : 0.0f;
   pixel.red = fmaf(added, colour.x, pixel.red);
   pixel.green = fmaf(added, colour.y, pixel.green);
   pixel.blue = fmaf(added, colour.z, pixel.blue);
   pixel.depth = fmaf(added, colour.w, pixel.depth);
-  pixel.transmittance = drawn ? after : met ? -fabsf(t) : t;
-  return drawn;
+  pixel.transmittance = drawn ? after : finished;
 }
 
 // Returns to how many of the pixels it contributes.
@@ -60,47 +68,35 @@ __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach])
   for (Pixel& pixel : pixels) {
     const float dy = pixel.y - s.a.y;
     const float log2_alpha = fminf(s.b.z, fmaf(dy, fmaf(s.b.x, dy, cross), along));
-    const float weight = exp2_fast(log2_alpha) * pixel.transmittance;
-    contributions += add(pixel, log2_alpha, weight, s.c) ? 1u : 0u;
+    const float alpha = log2_alpha >= kLog2Threshold ? exp2_fast(log2_alpha) : 0.0f;
+    const float before = pixel.transmittance;
+    add(pixel, alpha * before, s.c);
+    contributions += alpha > 0.0f && pixel.transmittance > 0.0f ? 1u : 0u;
   }
   return contributions;
 }
 
 // What a warp draws.
 struct Patch {
-  int tile;           // whose list it goes through
-  int x0, y0;         // pixels, of the picture of half the size where it is halved
-  int width, height;  // of that picture
+  std::uint32_t tile;  // whose list it goes through, of the view's
+  int x0, y0;          // pixels, of the picture of half the size where it is halved
+  int width, height;   // of that picture
   bool halved;
 };
 
-// A block of the grid is a tile. False where there is nothing for the warp.
-__device__ bool find_patch(const ViewInput& view, int warp, Patch& out) {
-  out.tile = static_cast<int>(blockIdx.x);
-  out.width = view.width;
-  out.height = view.height;
-  out.x0 = out.tile % view.tiles_x * kTilePixels + warp % 2 * kSide;
-  out.y0 = out.tile / view.tiles_x * kTilePixels + warp / 2 * kSide;
-  out.halved = false;
-  return out.x0 < out.width && out.y0 < out.height;
-}
-
-// The same where there are foveae: tiles come in the order of squares of 2 x 2, and of a square at
-// half resolution the first block draws all.
-__device__ bool find_patch_of_square(const ViewInput& view, int warp, Patch& out) {
-  const int squares_x = (view.tiles_x + 1) / 2, square = static_cast<int>(blockIdx.x / 4);
-  const int of_square = static_cast<int>(blockIdx.x % 4);
-  const int sx = square % squares_x, sy = square / squares_x;
-  out.halved = !has(sharp_squares(view, sy), sx);
-  if (out.halved && of_square != 0) return false;
-  const int tx = 2 * sx + of_square % 2, ty = 2 * sy + of_square / 2;
-  if (tx >= view.tiles_x || ty >= view.tiles_y) return false;
-  out.tile = ty * view.tiles_x + tx;
-  out.width = out.halved ? (view.width + 1) / 2 : view.width;
-  out.height = out.halved ? (view.height + 1) / 2 : view.height;
-  out.x0 = (out.halved ? sx : tx) * kTilePixels + warp % 2 * kSide;
-  out.y0 = (out.halved ? sy : ty) * kTilePixels + warp / 2 * kSide;
-  return out.x0 < out.width && out.y0 < out.height;
+// A quarter of a tile, or of a square of 2 x 2 that is at half resolution, whose first tile it is.
+// It may lie outside of the picture.
+__device__ Patch patch_of(const ViewInput& view, std::uint32_t tile, int quarter, bool halved) {
+  Patch out;
+  const int tx = static_cast<int>(tile) % view.tiles_x, ty = static_cast<int>(tile) / view.tiles_x;
+  const int halvings = halved ? 1 : 0;
+  out.tile = tile;
+  out.halved = halved;
+  out.width = (view.width + halvings) >> halvings;
+  out.height = (view.height + halvings) >> halvings;
+  out.x0 = (tx >> halvings) * kTilePixels + quarter % 2 * kSide;
+  out.y0 = (ty >> halvings) * kTilePixels + quarter / 2 * kSide;
+  return out;
 }
 
 // The splat on the picture of half the size.
@@ -137,96 +133,188 @@ __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& 
   if (right && below) write_pixel(pixel, x + 1, y + 1, view);
 }
 
-// Where there are foveae, some squares at half resolution have lists of thousands. Lists longer
-// than this go first, in a layer of the grid of their own: begun late, one would keep the frame
-// waiting.
-constexpr std::uint32_t kLong = 1024;
+// What one warp has in shared memory.
+using Stage = Quad[32];
 
-template <bool kCount, bool kFovea>
-__global__ void __launch_bounds__(kWarps * 32)
-    blend(const FrameInput* input, const uint2* ranges, const std::uint32_t* list,
-          const ScreenSplat* splats, Counters* counters) {
-  __shared__ Quad stages[kWarps][32];
-  const int warp = static_cast<int>(threadIdx.x / 32), lane = static_cast<int>(threadIdx.x & 31);
-  const ViewInput& view = input->views[blockIdx.y];
-  Patch patch;
-  // The whole warp; no barrier of the block follows.
-  if (!(kFovea ? find_patch_of_square(view, warp, patch) : find_patch(view, warp, patch))) return;
+// What a lane did, where that is counted.
+struct Done {
+  unsigned evaluations = 0, contributions = 0;
+};
+
+// Goes through the list of a patch. The whole warp calls it.
+template <bool kCount, bool kHalved>
+__device__ void blend_list(const uint2& range, unsigned quarter, const std::uint32_t* list,
+                           const ScreenSplat* splats, float px, Pixel (&pixels)[kEach],
+                           Stage& stage, Done& done) {
+  const int lane = static_cast<int>(threadIdx.x & 31);
+  const unsigned wanted = 1u << (kSplatBits + quarter);
+  const auto listed = [&](std::uint32_t at) { return at < range.y ? list[at] : 0; };
+  const auto load = [&](std::uint32_t number) {
+    Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
+    if (kHalved) s = halved(s);
+    s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // the extents are not needed; NaN stays
+    return s;
+  };
+  // A splat is asked for one batch ahead, its number two.
+  std::uint32_t number = listed(range.x + lane), next_number = listed(range.x + 32 + lane);
+  Quad next{};
+  if ((number & wanted) != 0) next = load(number);
+  for (std::uint32_t at = range.x; at < range.y; at += 32) {
+    bool finished = true;
+#pragma unroll
+    for (const Pixel& pixel : pixels) finished &= pixel.transmittance < 0.0f;
+    if (__all_sync(kAllLanes, finished)) break;
+    const bool met = (number & wanted) != 0;
+    const unsigned hits = __ballot_sync(kAllLanes, met);
+    if (met) stage[__popc(hits & ((1u << lane) - 1u))] = next;
+    __syncwarp();
+    number = next_number;
+    if ((number & wanted) != 0) next = load(number);
+    next_number = listed(at + 64 + lane);
+    const int count = __popc(hits);
+    for (int k = 0; k < count; ++k) {
+      const unsigned contributed = blend_splat(stage[k], px, pixels);
+      if (kCount) done.contributions += contributed;
+    }
+    if (kCount) done.evaluations += kEach * count;
+    __syncwarp();
+  }
+}
+
+// Draws a patch by its list, whose quarter it is. The whole warp calls it.
+template <bool kCount, bool kHalved>
+__device__ void draw_patch(const ViewInput& view, const Patch& patch, unsigned quarter,
+                           const BlendLists& lists, Stage& stage, Done& done) {
+  if (patch.x0 >= patch.width || patch.y0 >= patch.height) return;
+  const int lane = static_cast<int>(threadIdx.x & 31);
   const int x = patch.x0 + lane % kSide, y = patch.y0 + lane / kSide;
-  const float px = static_cast<float>(x) + 0.5f;
-  Quad* const stage = stages[warp];
   Pixel pixels[kEach];
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
     const bool inside = x < patch.width && y + k * kStep < patch.height;
     pixels[k] = {static_cast<float>(y + k * kStep) + 0.5f, inside ? 1.0f : -1.0f, 0, 0, 0, 0};
   }
-
-  const uint2 range = ranges[view.first_tile + patch.tile];
-  if (kFovea && (range.y - range.x > kLong) != (blockIdx.z == 0)) return;
-  const unsigned quarter = 1u << (kSplatBits + warp);
-  const auto listed = [&](std::uint32_t at) { return at < range.y ? list[at] : 0; };
-  const auto load = [&](std::uint32_t number) {
-    Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
-    if (kFovea && patch.halved) s = halved(s);
-    s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // the extents are not needed; NaN stays
-    return s;
-  };
-  unsigned evaluations = 0, contributions = 0;  // of the lane, where they are counted
-  // A splat is asked for one batch ahead, its number two.
-  std::uint32_t number = listed(range.x + lane), next_number = listed(range.x + 32 + lane);
-  Quad next{};
-  if ((number & quarter) != 0) next = load(number);
-  for (std::uint32_t at = range.x; at < range.y; at += 32) {
-    bool finished = true;
-#pragma unroll
-    for (const Pixel& pixel : pixels) finished &= pixel.transmittance < 0.0f;
-    if (__all_sync(kAllLanes, finished)) break;
-    const bool met = (number & quarter) != 0;
-    const unsigned hits = __ballot_sync(kAllLanes, met);
-    if (met) stage[__popc(hits & ((1u << lane) - 1u))] = next;
-    __syncwarp();
-    number = next_number;
-    if ((number & quarter) != 0) next = load(number);
-    next_number = listed(at + 64 + lane);
-    const int count = __popc(hits);
-    for (int k = 0; k < count; ++k) {
-      const unsigned contributed = blend_splat(stage[k], px, pixels);
-      if (kCount) contributions += contributed;
-    }
-    if (kCount) evaluations += kEach * count;
-    __syncwarp();
-  }
+  blend_list<kCount, kHalved>(lists.ranges[view.first_tile + patch.tile], quarter, lists.list,
+                              lists.splats, static_cast<float>(x) + 0.5f, pixels, stage, done);
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
     const int row = y + k * kStep;
     if (x >= patch.width || row >= patch.height) continue;
-    if (kFovea && patch.halved) {
+    if (kHalved) {
       write_square(pixels[k], 2 * x, 2 * row, view);
     } else {
       write_pixel(pixels[k], x, row, view);
     }
   }
-  if (kCount) {
-    evaluations = warp_sum(evaluations);
-    contributions = warp_sum(contributions);
-    if (lane == 0) {
-      atomicAdd(&counters->evaluations, evaluations);
-      atomicAdd(&counters->contributions, contributions);
-    }
+}
+
+__device__ void count_done(Done done, Counters* counters) {
+  done.evaluations = warp_sum(done.evaluations);
+  done.contributions = warp_sum(done.contributions);
+  if ((threadIdx.x & 31) != 0) return;
+  atomicAdd(&counters->evaluations, done.evaluations);
+  atomicAdd(&counters->contributions, done.contributions);
+}
+
+// A block of the grid is a tile.
+template <bool kCount>
+__global__ void __launch_bounds__(kWarps * 32)
+    blend(const FrameInput* input, const BlendLists lists, Counters* counters) {
+  __shared__ Stage stages[kWarps];
+  const unsigned warp = threadIdx.x / 32;
+  const ViewInput& view = input->views[blockIdx.y];
+  if (blockIdx.x >= static_cast<unsigned>(view.tiles_x * view.tiles_y)) return;
+  Done done;
+  draw_patch<kCount, false>(view, patch_of(view, blockIdx.x, static_cast<int>(warp), false), warp,
+                            lists, stages[warp], done);
+  if (kCount) count_done(done, counters);
+}
+
+// Where there are foveae, tiles at full resolution and squares at half are drawn by the lengths of
+// their lists, longest first: begun late, one of thousands would keep the frame waiting.
+__device__ int class_of(std::uint32_t length) {
+  return length > 4096 ? 0 : length > 1024 ? 1 : length > 256 ? 2 : kPatchClasses - 1;
+}
+
+// One of them: the tile, the view above kTileBits, and whether it is the first of such a square.
+constexpr std::uint32_t kTileBits = 28, kHalvedBit = std::uint32_t{1} << 31;
+static_assert(kMostViews <= 1 << (31 - kTileBits));
+
+// Adds it to those of its class, if `there`. The whole warp calls it.
+__device__ void add_to_class(bool there, std::uint32_t patch, std::uint32_t length,
+                             const BlendLists& lists, Counters* counters) {
+  const unsigned lane = threadIdx.x & 31;
+  const int own = class_of(length);
+  for (int k = 0; k < kPatchClasses; ++k) {
+    const unsigned all = __ballot_sync(kAllLanes, there && own == k);
+    if (all == 0) continue;
+    std::uint32_t first = 0;
+    if (lane == 0) first = atomicAdd(&counters->patches[k], static_cast<unsigned>(__popc(all)));
+    first = __shfl_sync(kAllLanes, first, 0);
+    if ((all >> lane & 1u) == 0) continue;
+    lists.patches[k * lists.patch_capacity + first + __popc(all & ((1u << lane) - 1u))] = patch;
   }
+}
+
+// A thread is a square of 2 x 2 tiles.
+__global__ void __launch_bounds__(kWarps * 32)
+    find_patches(const FrameInput* input, const BlendLists lists, Counters* counters) {
+  const ViewInput& view = input->views[blockIdx.y];
+  const int squares_x = (view.tiles_x + 1) / 2, squares_y = (view.tiles_y + 1) / 2;
+  const int square = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  const int sx = square % squares_x, sy = square / squares_x;
+  const bool inside = sy < squares_y;
+  const bool is_halved = inside && !has(sharp_squares(view, sy), sx);
+  for (int k = 0; k < 4; ++k) {
+    const int tx = 2 * sx + k % 2, ty = 2 * sy + k / 2;
+    const bool there = inside && tx < view.tiles_x && ty < view.tiles_y && !(is_halved && k > 0);
+    const auto tile = static_cast<std::uint32_t>(ty * view.tiles_x + tx);
+    const uint2 range = there ? lists.ranges[view.first_tile + tile] : make_uint2(0, 0);
+    add_to_class(there, tile | blockIdx.y << kTileBits | (is_halved ? kHalvedBit : 0u),
+                 range.y - range.x, lists, counters);
+  }
+}
+
+// A block of the grid is one of them; there are more blocks than these.
+template <bool kCount>
+__global__ void __launch_bounds__(kWarps * 32)
+    blend_patches(const FrameInput* input, const BlendLists lists, Counters* counters) {
+  __shared__ Stage stages[kWarps];
+  const unsigned warp = threadIdx.x / 32;
+  std::uint32_t place = blockIdx.x;
+  int k = 0;
+  while (k < kPatchClasses && place >= counters->patches[k]) place -= counters->patches[k++];
+  if (k == kPatchClasses) return;
+  const std::uint32_t code = lists.patches[k * lists.patch_capacity + place];
+  const std::uint32_t tile = code & ((1u << kTileBits) - 1u);
+  const ViewInput& view = input->views[(code & ~kHalvedBit) >> kTileBits];
+  const bool is_halved = (code & kHalvedBit) != 0;
+  const Patch patch = patch_of(view, tile, static_cast<int>(warp), is_halved);
+  Done done;
+  if (is_halved) {
+    draw_patch<kCount, true>(view, patch, warp, lists, stages[warp], done);
+  } else {
+    draw_patch<kCount, false>(view, patch, warp, lists, stages[warp], done);
+  }
+  if (kCount) count_done(done, counters);
 }
 
 }  // namespace
 
 void launch_blend(const FrameInput* input, const BlendGrid& grid, const Workspace& w, bool count,
                   cudaStream_t stream) {
-  const auto kernel = grid.fovea ? (count ? blend<true, true> : blend<false, true>)
-                                 : (count ? blend<true, false> : blend<false, false>);
-  launch(kernel, dim3(grid.tiles, grid.views, grid.fovea ? 2 : 1), kWarps * 32, stream, input,
-         static_cast<const uint2*>(w.tile_ranges),
-         static_cast<const std::uint32_t*>(w.tile_splats[w.tile_passes % 2]),
-         static_cast<const ScreenSplat*>(w.splats), w.counters);
+  const BlendLists lists = {w.tile_ranges, w.tile_splats[w.tile_passes % 2], w.splats, w.patches,
+                            w.patch_capacity};
+  if (!grid.fovea) {
+    launch(count ? blend<true> : blend<false>, dim3(grid.tiles, grid.views), kWarps * 32, stream,
+           input, lists, w.counters);
+    return;
+  }
+  constexpr unsigned kThreads = kWarps * 32;
+  launch(find_patches, dim3((grid.squares + kThreads - 1) / kThreads, grid.views), kThreads, stream,
+         input, lists, w.counters);
+  launch(count ? blend_patches<true> : blend_patches<false>, grid.all_tiles, kThreads, stream,
+         input, lists, w.counters);
 }
 
 }  // namespace stgs::player::cuda

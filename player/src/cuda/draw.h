@@ -32,6 +32,8 @@ inline constexpr std::uint64_t kMaxInstances = std::uint64_t{1} << 26;
 inline constexpr int kSplatBits = 28;
 inline constexpr std::uint64_t kMaxSplats = std::uint64_t{1} << kSplatBits;
 static_assert(kMostViews <= 1 << (32 - kSplatBits));
+// Of what the blend takes by the lengths of lists, where there are foveae.
+inline constexpr int kPatchClasses = 4;
 
 // Successive primitives that are drawn at the same moment of their time.
 struct Part {
@@ -85,12 +87,13 @@ struct Counters {
   std::uint32_t splats;          // that are sorted and listed: all of them, or none
   std::uint32_t listed;          // instances that are sorted and drawn: all of them, or none
   unsigned long long instances;  // of the splats in all, also where they did not fit
+  std::uint32_t patches[kPatchClasses];  // tiles and squares with lists of such a length
   // Only where the blend counts.
   unsigned long long evaluations;    // of a splat at a pixel
   unsigned long long contributions;  // of these: to the pixel's colour
 };
 
-// The buffers of a frame with up to C chunks of primitives, S splats and I instances.
+// The buffers of a frame with up to C chunks of primitives, S splats, I instances and T tiles.
 struct Workspace {
   // Cleared before each frame.
   Counters* counters = nullptr;
@@ -108,8 +111,10 @@ struct Workspace {
   std::uint32_t* depth_order[2] = {};   // S; after the sort in [0]: splats, nearest first
   std::uint32_t* tile_keys[2] = {};     // I
   std::uint32_t* tile_splats[2] = {};   // I; splats with the quarters that they meet
+  std::uint32_t* patches = nullptr;     // kPatchClasses x patch_capacity; see blend.cu
   std::uint32_t splat_capacity = 0;     // S
   std::uint32_t instance_capacity = 0;  // I
+  std::uint32_t patch_capacity = 0;     // T, tiles
   int tile_passes = 0;                  // that the sort by tile needs
 };
 
@@ -147,8 +152,9 @@ void launch_list(bool fovea, const FrameInput* input, const Workspace& w, const 
 void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t stream);
 struct BlendGrid {
   unsigned views = 0;
-  unsigned tiles = 0;  // of a view at most; where there are foveae of its squares of 2 x 2
-  bool fovea = false;  // whether a view has one
+  unsigned tiles = 0, squares = 0;  // of a view at most; squares of 2 x 2 tiles
+  unsigned all_tiles = 0;           // of all views
+  bool fovea = false;               // whether a view has one
 };
 // The pictures of all views. spec/representation.md, 5; math/fovea.h. `count`: what it does too,
 // which takes longer.

@@ -83,11 +83,14 @@ Status FrameBuffers::ensure(const FrameNeed& need) {
   STGS_TRY(depths_.ensure(lay_out_pairs(Layout(nullptr), splats, w.depth_keys, w.depth_order)));
   STGS_TRY(instances_.ensure(
       lay_out_pairs(Layout(nullptr), wanted.instances, w.tile_keys, w.tile_splats)));
+  STGS_TRY(patches_.ensure(std::size_t{kPatchClasses} * wanted.tiles * sizeof(std::uint32_t)));
   cleared_bytes_ = lay_out_cleared(Layout(cleared_.data()), wanted, w);
   lay_out_pairs(Layout(depths_.data()), splats, w.depth_keys, w.depth_order);
   lay_out_pairs(Layout(instances_.data()), wanted.instances, w.tile_keys, w.tile_splats);
   w.candidates = reinterpret_cast<Candidate*>(candidates_.data());
   w.splats = reinterpret_cast<ScreenSplat*>(splats_.data());
+  w.patches = reinterpret_cast<std::uint32_t*>(patches_.data());
+  w.patch_capacity = wanted.tiles;
   w.splat_capacity = static_cast<std::uint32_t>(wanted.splats);
   w.instance_capacity = static_cast<std::uint32_t>(wanted.instances);
   laid_out_ = w;

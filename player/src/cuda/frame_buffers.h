@@ -37,7 +37,7 @@ class FrameBuffers {
   std::uint64_t generation_ = 0;
   std::size_t cleared_bytes_ = 0;
   Workspace laid_out_;
-  DeviceBuffer cleared_, candidates_, splats_, depths_, instances_;
+  DeviceBuffer cleared_, candidates_, splats_, depths_, instances_, patches_;
 };
 
 }  // namespace stgs::player::cuda

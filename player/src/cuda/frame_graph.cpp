@@ -58,8 +58,8 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
   made.tiles = tiles_of(views);
   for (const View& view : views) made.fovea = made.fovea || view.fovea.has_value();
   for (const View& view : views) {
-    const std::uint32_t tiles = made.fovea ? 4 * squares_of(view) : tiles_of(view);
-    made.most_tiles = std::max(made.most_tiles, tiles);
+    made.most_tiles = std::max(made.most_tiles, tiles_of(view));
+    made.most_squares = std::max(made.most_squares, squares_of(view));
   }
   made.parts = std::max(std::bit_ceil(parts.size() + 1), now_.parts);
   place_pictures(views);
@@ -175,7 +175,8 @@ Status FrameGraph::enqueue(const Grids& grids, const FrameBuffers& buffers, Tell
   STGS_TRY(told(kList));
   launch_tile_sort(w, grids, stream);
   STGS_TRY(told(kTileSort));
-  launch_blend(input, {now_.views, now_.most_tiles, now_.fovea}, w, all, stream);
+  const BlendGrid grid = {now_.views, now_.most_tiles, now_.most_squares, now_.tiles, now_.fovea};
+  launch_blend(input, grid, w, all, stream);
   STGS_TRY(told(kBlend));
   STGS_TRY(cuda_status(cudaGetLastError(), "starting the steps of a frame"));
   return cuda_status(cudaMemcpyAsync(counted_.data(), w.counters, sizeof(Counters),

@@ -37,9 +37,9 @@ class FrameGraph {
     std::uint64_t generation = 0;  // of the buffers; 0: there is none
     int sh_degree = 0;
     std::uint32_t views = 0, tiles = 0;
-    std::uint32_t most_tiles = 0;  // of a view
-    bool fovea = false;            // whether a view has one
-    std::size_t parts = 0;         // that the input has room for
+    std::uint32_t most_tiles = 0, most_squares = 0;  // of a view
+    bool fovea = false;                              // whether a view has one
+    std::size_t parts = 0;                           // that the input has room for
     bool operator==(const Made&) const = default;
   };
   // Where a picture lies, bytes from the beginning of all of them.

@@ -37,12 +37,13 @@ void blend_splat(vec2 first, vec4 a, vec4 b, vec4 c) {
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     float dy = first.y + float(k * kStep) - a.y;
     float log2_alpha = min(b.z, fma(dy, fma(b.x, dy, cross_), along));
-    float t = transmittance[k];
-    precise float weight = exp2(log2_alpha) * t, after = t - weight;  // as blend.comp rounds
-    // Without branches: most splats that are gone through are drawn at some pixel of the lanes.
-    bool met = log2_alpha >= kLog2Threshold, drawn = met && after >= kTransmittanceMin;
+    // Without branches: most splats that are gone through are drawn at some pixel of the lanes. Of
+    // a finished pixel the weight is not above 0, and what it would leave below 0.
+    float t = transmittance[k], alpha = log2_alpha >= kLog2Threshold ? exp2(log2_alpha) : 0.0f;
+    precise float weight = alpha * t, after = t - weight;  // as blend.comp rounds
+    bool drawn = after >= kTransmittanceMin;
     sums[k] = fma(vec4(drawn ? weight : 0.0f), c, sums[k]);
-    transmittance[k] = drawn ? after : met ? -abs(t) : t;
+    transmittance[k] = drawn ? after : -abs(t);
   }
 }
 
