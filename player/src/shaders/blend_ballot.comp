@@ -19,6 +19,9 @@ layout(constant_id = 2) const bool kFovea = true;  // whether the view has one
 layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };
+layout(std430, set = 1, binding = 3) readonly buffer PatchBuffer {
+  uint patch_list[];
+};
 
 const uint kSide = uint(kQuarterPixels);
 const uint kMostLanes = 32u, kMostEach = 4u;  // pixels of a lane, below each other
@@ -56,15 +59,31 @@ void bring(uint number, uint halvings, out vec4 a, out vec4 b, out vec4 c) {
   b.z = min(b.y, kLog2AlphaMax);
 }
 
+// The tile that the workgroup draws, or the first of the square; with a fovea, find_patches.comp has
+// told. False where there is none for it.
+bool find_tile(uint v, uvec2 tiles, out uvec2 tile, out uint halvings) {
+  tile = gl_WorkGroupID.xy;
+  halvings = 0u;
+  if (!kFovea) return true;
+  uint number = group_number(), first = frame.view[v].first_tile;
+  uint long_ones = patches[2u * v], others = patches[2u * v + 1u];
+  if (number >= long_ones + others) return false;
+  uint last = first + tiles.x * tiles.y - 1u + long_ones;
+  uint code = patch_list[number < long_ones ? first + number : last - number];
+  halvings = code >> 31u;
+  uint at = code & ~kHalvedPatch;
+  tile = uvec2(at % tiles.x, at / tiles.x);
+  return true;
+}
+
 void main() {
   uint quarter = gl_SubgroupID, lane = gl_SubgroupInvocationID, stage = quarter * kMostLanes;
-  uint v = push.view;
-  // Of a square at half resolution, the first workgroup draws all four tiles.
-  uint halvings = kFovea && square_is_halved(v, ivec2(gl_WorkGroupID.xy / 2u)) ? 1u : 0u;
-  if (halvings == 1u && (gl_WorkGroupID.xy & 1u) != uvec2(0u)) return;
+  uint v = push.view, halvings;
+  uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y), lister;
+  if (!find_tile(v, tiles, lister, halvings)) return;
+  // A square at half resolution has for quarters its tiles.
   uvec2 part = uvec2(quarter % 2u, quarter / 2u);
-  uvec2 tile = gl_WorkGroupID.xy + part * halvings;
-  uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y);
+  uvec2 tile = lister + part * halvings;
   if (tile.x >= tiles.x || tile.y >= tiles.y) return;
   // Of the picture of half the size where it is halved.
   uvec2 corner = halvings == 1u ? tile * kSide : tile * uint(kTilePixels) + part * kSide;
@@ -78,9 +97,7 @@ void main() {
     transmittance[k] = inside ? 1.0f : -1.0f;
     sums[k] = vec4(0.0f);
   }
-  // Of a square that is the first tile's.
-  uvec2 range =
-      tile_ranges[frame.view[v].first_tile + gl_WorkGroupID.y * tiles.x + gl_WorkGroupID.x];
+  uvec2 range = tile_ranges[frame.view[v].first_tile + lister.y * tiles.x + lister.x];
   range.x = ~range.x;
   uint wanted = 1u << kSplatBits << quarter;
   // A splat is asked for one batch ahead, its number two.

@@ -36,6 +36,10 @@ ivec2 sharp_squares(uint view, int row) {
   return ivec2(first, max(end - first, 0));
 }
 
+// What a workgroup of the blend draws of a view: the number of a tile of it, which with this bit is
+// the first of a square at half resolution.
+const uint kHalvedPatch = 1u << 31u;
+
 // The splat's first two parts on the picture of half the size.
 void halve_splat(inout vec4 a, inout vec4 b) {
   const float kPerLog2 = -2.0f / 1.44269504f;

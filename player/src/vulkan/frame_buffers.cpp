@@ -49,6 +49,7 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
   const std::uint64_t instances = std::min(tile_keys[0].bytes(), tile_keys[1].bytes()) / 4;
   for (Buffer& list : tile_splats) STGS_TRY(room(list, instances, 4));
   STGS_TRY(room(tile_ranges, need.tiles, 8));
+  STGS_TRY(room(patches, need.tiles, 4));
   return room(digit_counts, DigitRows(splat_count, instances).end(kMostTilePasses),
               DigitRows::kBytes);
 }

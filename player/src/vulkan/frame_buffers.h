@@ -20,7 +20,8 @@ struct Counts {
   std::uint32_t alive, visible, listed, instances;
 };
 inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
-inline constexpr std::uint64_t kCountBytes = sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded;
+inline constexpr std::uint64_t kCountBytes =
+    sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded + 8 * kMostViews;
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
@@ -74,7 +75,7 @@ struct FrameBuffers {
   std::array<Buffer, 2> depth_keys, orders;  // after the sort in [0]: splats, nearest first
   Buffer tile_places;                        // instances of the splats of a workgroup
   std::array<Buffer, 2> tile_keys, tile_splats;
-  Buffer tile_ranges;
+  Buffer tile_ranges, patches;  // a number a tile
   Buffer digit_counts;
 };
 

@@ -20,6 +20,10 @@ std::uint32_t groups_for(std::uint32_t items, std::uint32_t each) {
   return (items + each - 1) / each;
 }
 
+std::uint32_t squares_along(int tiles) {
+  return groups_for(static_cast<std::uint32_t>(tiles), 2);
+}
+
 }  // namespace
 
 FrameCommands::~FrameCommands() {
@@ -252,25 +256,48 @@ class FrameCommands::Recorder {
     return {};
   }
 
+  // What each workgroup of the blend draws.
+  Status find_patches() {
+    const VkBuffer patches = b_.patches.handle();
+    STGS_TRY(stage({patches, patches, patches, patches}));
+    std::uint32_t most = 0;
+    for (std::uint32_t v = 0; v < work_.input->views; ++v) {
+      const ViewInput& view = work_.input->view[v];
+      most = std::max(most, squares_along(view.tiles_x) * squares_along(view.tiles_y));
+    }
+    use(Shader::kFindPatches, {});
+    device_.vk.vkCmdDispatch(commands_, groups_for(most, kGroup), work_.input->views, 1);
+    shader_barrier(device_, commands_);
+    return {};
+  }
+
   // Views write different pictures: none waits for another.
   Status blend() {
+    const bool fovea = work_.input->squares != 0, patches = fovea && device_.ballot_lanes() != 0;
+    if (patches) STGS_TRY(find_patches());
     const VkBuffer list = b_.tile_splats[passes() % 2].handle();
     for (std::uint32_t v = 0; v < work_.input->views; ++v) {
       const PictureBuffers& picture = work_.pictures[v];
       if (v > 0) STGS_TRY(bind_frame(picture));
       const VkBuffer packed = picture.packed != VK_NULL_HANDLE ? picture.packed : unused();
-      STGS_TRY(stage({list, list, packed, list}));
+      STGS_TRY(stage({list, list, packed, b_.patches.handle()}));
       Push push{};
       push.pixels = picture.pixels;
       push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
       push.view = v;
       const ViewInput& view = work_.input->view[v];
-      const bool fovea = work_.input->squares != 0;
       use(fovea ? Shader::kBlendFovea : Shader::kBlend, push);
-      const auto groups = [fovea](int tiles) {  // with a fovea, of whole squares of 2 x 2
-        return static_cast<std::uint32_t>(fovea ? (tiles + 1) / 2 * 2 : tiles);
-      };
-      device_.vk.vkCmdDispatch(commands_, groups(view.tiles_x), groups(view.tiles_y), 1);
+      const auto tiles_x = static_cast<std::uint32_t>(view.tiles_x);
+      const auto tiles_y = static_cast<std::uint32_t>(view.tiles_y);
+      std::uint32_t x = tiles_x, y = tiles_y;
+      if (patches) {  // at most
+        x = std::min(tiles_x * tiles_y, kGroupsX);
+        y = groups_for(tiles_x * tiles_y, kGroupsX);
+      } else if (fovea) {
+        x = 2 * squares_along(view.tiles_x);
+        y = 2 * squares_along(view.tiles_y);
+      }
+      device_.vk.vkCmdDispatch(commands_, x, y, 1);
     }
     return {};
   }

@@ -48,6 +48,9 @@ constexpr std::uint32_t kListTilesBallotCode[] = {
 constexpr std::uint32_t kFindRangesCode[] = {
 #include "find_ranges.spv.inc"
 };
+constexpr std::uint32_t kFindPatchesCode[] = {
+#include "find_patches.spv.inc"
+};
 constexpr std::uint32_t kBlendCode[] = {
 #include "blend.spv.inc"
 };
@@ -78,6 +81,8 @@ Code code_of(Shader shader) {
       return {kListTilesCode, kListTilesBallotCode};
     case Shader::kFindRanges:
       return {kFindRangesCode, kFindRangesCode};
+    case Shader::kFindPatches:
+      return {kFindPatchesCode, kFindPatchesCode};
     default:
       return {kBlendCode, kBlendBallotCode};
   }

@@ -22,10 +22,11 @@ enum class Shader {
   kCountTiles,
   kListTiles,
   kFindRanges,
+  kFindPatches,
   kBlend,
   kBlendFovea,  // where the view has one
 };
-inline constexpr std::size_t kShaders = 11;
+inline constexpr std::size_t kShaders = 12;
 
 // The device outlives it.
 class Pipelines {

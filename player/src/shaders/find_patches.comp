@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where there are foveae: what of a view is drawn at full resolution, by tiles, and what at half, by
+// squares of 2 x 2. Those with long lists come first: begun late, one of thousands would keep the
+// frame waiting. An invocation is a square; the workgroups along y are the views.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "frame.glsl"
+
+// After frame.glsl, on which it builds.
+#include "fovea.glsl"
+
+layout(local_size_x = 256) in;
+layout(std430, set = 1, binding = 3) writeonly buffer PatchBuffer {
+  uint patch_list[];  // a view's from its first tile on: from there those with long lists, from the
+                      // last tile backwards the others
+};
+
+const uint kLong = 1024u;  // splats
+
+shared uint here[2];  // patches of the workgroup with long lists, with others
+shared uint before[2];
+
+void main() {
+  uint thread = gl_LocalInvocationIndex, v = gl_WorkGroupID.y;
+  if (thread < 2u) here[thread] = 0u;
+  barrier();
+  uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y), squares = (tiles + 1u) / 2u;
+  uint number = gl_WorkGroupID.x * kGroup + thread;
+  uvec2 square = uvec2(number % squares.x, number / squares.x);
+  bool inside = square.y < squares.y, halved = inside && square_is_halved(v, ivec2(square));
+  uint codes[4], places[4];  // places: of those with others in the upper half
+  uint count = 0u;
+  for (uint k = 0u; k < 4u; ++k) {
+    uvec2 tile = 2u * square + uvec2(k % 2u, k / 2u);
+    if (!inside || tile.x >= tiles.x || tile.y >= tiles.y || (halved && k > 0u)) continue;
+    uint at = tile.y * tiles.x + tile.x;
+    uvec2 range = tile_ranges[frame.view[v].first_tile + at];
+    uint others = range.y - ~range.x > kLong ? 0u : 1u;  // 1 where there is none
+    codes[count] = at | (halved ? kHalvedPatch : 0u);
+    places[count] = atomicAdd(here[others], 1u) | others << 31u;
+    ++count;
+  }
+  barrier();
+  if (thread < 2u) before[thread] = atomicAdd(patches[2u * v + thread], here[thread]);
+  barrier();
+  uint first = frame.view[v].first_tile, last = first + tiles.x * tiles.y - 1u;
+  for (uint k = 0u; k < count; ++k) {
+    uint others = places[k] >> 31u, place = before[others] + (places[k] & 0x7FFFFFFFu);
+    patch_list[others == 1u ? last - place : first + place] = codes[k];
+  }
+}
