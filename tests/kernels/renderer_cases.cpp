@@ -292,6 +292,35 @@ TEST_CASE("a fovea may be anywhere, and of any size") {
   }
 }
 
+TEST_CASE("beside a fovea and in it lists of any length are drawn") {
+  const auto device = device_renderer();
+  Scene scene = plain_scene(8000);
+  Gaussians4D& set = scene.gaussians;
+  // Faint ones in piles of 5200, 1500 and 500, a few pixels wide; the rest lies all over the view.
+  const struct {
+    std::size_t end;
+    float x, y;
+  } piles[] = {{5200, -1.5f, -1.0f}, {6700, 1.5f, -1.0f}, {7200, -1.4f, 1.2f}};
+  std::size_t i = 0;
+  for (const auto& pile : piles) {
+    for (; i < pile.end; ++i) {
+      const float at[] = {pile.x, pile.y, 5.0f};
+      for (std::size_t c = 0; c < 3; ++c) {
+        float& x = set.position[3 * i + c];
+        x = at[c] + 0.05f * (x - (c == 2 ? 5.0f : 0.0f));
+      }
+      set.opacity_logit[i] = -3.0f;
+    }
+  }
+  const auto timeline = timeline_over(scene);
+  View aside = view_of(320, 240), on_pile = aside;
+  aside.fovea = Fovea{{200.0f, 180.0f}, 40.0f};
+  on_pile.fovea = Fovea{{80.0f, 70.0f}, 50.0f};
+  check_alike(*timeline, 0.7, {aside, on_pile}, *device);
+  CHECK(same(draw(*device, *timeline, 0.7, {on_pile})[0],
+             draw(*device, *timeline, 0.7, {aside, on_pile})[1]));
+}
+
 TEST_CASE("the number of views may change from call to call, and a view may see nothing") {
   const auto device = device_renderer();
   const auto timeline = timeline_over(random_scene(3000, 1, kFrames, 15));
