@@ -20,8 +20,8 @@ HeldSegment::HeldSegment(Gaussians4D decoded, std::shared_ptr<std::pmr::memory_r
   parallel_blocks(std::size_t{0}, set.size(), kBlock, [this](std::size_t first, std::size_t last) {
     for (std::size_t i = first; i < last; ++i) {
       const math::Support support =
-          math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i],
-                                  set.sigma[i], set.radius[i], math::kAlphaThreshold);
+          math::candidate_support(math::opacity_of(set.opacity_logit[i]), set.time[i], set.sigma[i],
+                                  set.radius[i], math::kAlphaThreshold);
       begin[i] = support.begin;
       end[i] = support.end;
     }

@@ -135,7 +135,7 @@ TEST_CASE("the application's threads draw what the library's draw", "[sdk]") {
 }
 
 TEST_CASE("a player decodes by the application's threads, and by no others", "[sdk]") {
-  Jobs jobs(3);
+  Jobs jobs(8);
   stgs_player_settings settings = player_settings();
   settings.task_runner = &jobs.runner;
   jobs.halted = true;
@@ -147,8 +147,10 @@ TEST_CASE("a player decodes by the application's threads, and by no others", "[s
   statistics.struct_size = sizeof statistics;
   REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status&) {
     REQUIRE(stgs_player_get_statistics(player.get(), &statistics) == STGS_OK);
-    return jobs.runs > 0 && statistics.fetched_bytes > clip_file().size() / 2;
+    return jobs.runs == 4 && statistics.fetched_bytes > clip_file().size() / 2;
   }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  CHECK(jobs.runs == 4);  // several segments, and no more: half of its threads
   CHECK(statistics.stored_primitives == 0);
   CHECK(update(player.get(), 0).ready == 0);
   jobs.halted = false;

@@ -114,8 +114,7 @@ class Peer {
                                     -(r.xy * t.x + r.yy * t.y + r.zy * t.z),
                                     -(r.xz * t.x + r.yz * t.y + r.zz * t.z)};
     const float* const on_device[] = {inputs_[0].hold(view), inputs_[1].hold(clip),
-                                      inputs_[2].hold(eye),
-                                      inputs_[3].hold({background, 3})};
+                                      inputs_[2].hold(eye), inputs_[3].hold({background, 3})};
     Image picture;
     picture.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
     auto* const colour =

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // How soon a player shows what it is sent to, on this machine's disk or over a link of a bandwidth
 // and a latency, as a JSON line. A bandwidth of 0: the disk. A seek is over when the base of the
-// sought frame is there, decoded; complete: all its layers. With memory for little more than what is
-// alive each seek fetches and decodes anew, but for what lasts; else later ones find much there.
+// sought frame is there, decoded; complete: all its layers. With memory for little more than what
+// is alive each seek fetches and decodes anew, but for what lasts; else later ones find much there.
 //
 // usage: bench_stream FILE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]
 #include <algorithm>

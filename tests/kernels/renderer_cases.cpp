@@ -317,6 +317,9 @@ TEST_CASE("beside a fovea and in it lists of any length are drawn") {
   aside.fovea = Fovea{{200.0f, 180.0f}, 40.0f};
   on_pile.fovea = Fovea{{80.0f, 70.0f}, 50.0f};
   check_alike(*timeline, 0.7, {aside, on_pile}, *device);
+  View large = view_of(1037, 523);  // of more squares than a workgroup looks at
+  large.fovea = Fovea{{260.0f, 150.0f}, 140.0f};
+  check_alike(*timeline, 0.7, {large, on_pile}, *device);
   CHECK(same(draw(*device, *timeline, 0.7, {on_pile})[0],
              draw(*device, *timeline, 0.7, {aside, on_pile})[1]));
 }

@@ -249,7 +249,8 @@ __device__ void add_to_class(bool there, std::uint32_t patch, std::uint32_t leng
     const unsigned all = __ballot_sync(kAllLanes, there && own == k);
     if (all == 0) continue;
     std::uint32_t first = 0;
-    if (lane == 0) first = atomicAdd(&counters->patches[k], static_cast<unsigned>(__popc(all)));
+    if (lane == 0)
+      first = atomicAdd(&counters->patch_counts[k], static_cast<unsigned>(__popc(all)));
     first = __shfl_sync(kAllLanes, first, 0);
     if ((all >> lane & 1u) == 0) continue;
     lists.patches[k * lists.patch_capacity + first + __popc(all & ((1u << lane) - 1u))] = patch;
@@ -275,7 +276,7 @@ __global__ void __launch_bounds__(kWarps * 32)
   }
 }
 
-// A block of the grid is one of them; there are more blocks than these.
+// A block of the grid is one of them; there may be more blocks.
 template <bool kCount>
 __global__ void __launch_bounds__(kWarps * 32)
     blend_patches(const FrameInput* input, const BlendLists lists, Counters* counters) {
@@ -283,7 +284,8 @@ __global__ void __launch_bounds__(kWarps * 32)
   const unsigned warp = threadIdx.x / 32;
   std::uint32_t place = blockIdx.x;
   int k = 0;
-  while (k < kPatchClasses && place >= counters->patches[k]) place -= counters->patches[k++];
+  while (k < kPatchClasses && place >= counters->patch_counts[k])
+    place -= counters->patch_counts[k++];
   if (k == kPatchClasses) return;
   const std::uint32_t code = lists.patches[k * lists.patch_capacity + place];
   const std::uint32_t tile = code & ((1u << kTileBits) - 1u);

@@ -87,7 +87,7 @@ struct Counters {
   std::uint32_t splats;          // that are sorted and listed: all of them, or none
   std::uint32_t listed;          // instances that are sorted and drawn: all of them, or none
   unsigned long long instances;  // of the splats in all, also where they did not fit
-  std::uint32_t patches[kPatchClasses];  // tiles and squares with lists of such a length
+  std::uint32_t patch_counts[kPatchClasses];  // tiles and squares with lists of such a length
   // Only where the blend counts.
   unsigned long long evaluations;    // of a splat at a pixel
   unsigned long long contributions;  // of these: to the pixel's colour

@@ -59,14 +59,14 @@ void bring(uint number, uint halvings, out vec4 a, out vec4 b, out vec4 c) {
   b.z = min(b.y, kLog2AlphaMax);
 }
 
-// The tile that the workgroup draws, or the first of the square; with a fovea, find_patches.comp has
-// told. False where there is none for it.
+// The tile that the workgroup draws, or the first of the square; with a fovea, find_patches.comp
+// has told. False where there is none for it.
 bool find_tile(uint v, uvec2 tiles, out uvec2 tile, out uint halvings) {
   tile = gl_WorkGroupID.xy;
   halvings = 0u;
   if (!kFovea) return true;
   uint number = group_number(), first = frame.view[v].first_tile;
-  uint long_ones = patches[2u * v], others = patches[2u * v + 1u];
+  uint long_ones = patch_counts[2u * v], others = patch_counts[2u * v + 1u];
   if (number >= long_ones + others) return false;
   uint last = first + tiles.x * tiles.y - 1u + long_ones;
   uint code = patch_list[number < long_ones ? first + number : last - number];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where there are foveae: what of a view is drawn at full resolution, by tiles, and what at half, by
-// squares of 2 x 2. Those with long lists come first: begun late, one of thousands would keep the
-// frame waiting. An invocation is a square; the workgroups along y are the views.
+// Where there are foveae: what of a view is drawn at full resolution, by tiles, and what at half,
+// by squares of 2 x 2. Those with long lists come first: begun late, one of thousands would keep
+// the frame waiting. An invocation is a square; the workgroups along y are the views.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -28,7 +28,7 @@ void main() {
   uint number = gl_WorkGroupID.x * kGroup + thread;
   uvec2 square = uvec2(number % squares.x, number / squares.x);
   bool inside = square.y < squares.y, halved = inside && square_is_halved(v, ivec2(square));
-  uint codes[4], places[4];  // places: of those with others in the upper half
+  uint codes[4], places[4];  // of places the highest bit: not a long list
   uint count = 0u;
   for (uint k = 0u; k < 4u; ++k) {
     uvec2 tile = 2u * square + uvec2(k % 2u, k / 2u);
@@ -41,7 +41,7 @@ void main() {
     ++count;
   }
   barrier();
-  if (thread < 2u) before[thread] = atomicAdd(patches[2u * v + thread], here[thread]);
+  if (thread < 2u) before[thread] = atomicAdd(patch_counts[2u * v + thread], here[thread]);
   barrier();
   uint first = frame.view[v].first_tile, last = first + tiles.x * tiles.y - 1u;
   for (uint k = 0u; k < count; ++k) {

@@ -13,7 +13,7 @@ layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint instances;  // in all, also where they did not fit; kManyInstances at most
   uvec4 work[kWorks];
   uint ended[kEnded];
-  uint patches[2u * kMostViews];  // of each view with a long list, and others: see find_patches.comp
+  uint patch_counts[2u * kMostViews];  // of a view with long lists, and others: find_patches.comp
 };
 // A visible primitive on the screen. At pixel offset (dx, dy), log2 of its alpha is
 // min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).

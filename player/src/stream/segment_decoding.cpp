@@ -9,8 +9,21 @@
 
 namespace stgs::player {
 
-// The most urgent segment that can be decoded better than it is.
+namespace {
+
+// Share of the budget that may be under way: decoding takes about as much again as it leaves.
+constexpr std::uint64_t kUnderWayShare = 16;
+
+}  // namespace
+
+bool SegmentStore::is_ahead(std::uint32_t segment) const {
+  return need_for({segment, false}).from > 0;
+}
+
+// The most urgent segment that can be decoded better than it is. What is not needed yet leaves half
+// of the decoders free for what a viewer who jumps waits for.
 std::optional<std::uint32_t> SegmentStore::next_decode() const {
+  const bool only_needed = under_way_.ahead > 0 && 2 * under_way_.ahead >= decoders_;
   std::optional<std::uint32_t> best;
   double least = 0;
   for (std::uint32_t s = 0; s < entries_.size(); ++s) {
@@ -18,12 +31,19 @@ std::optional<std::uint32_t> SegmentStore::next_decode() const {
     if (entry.decoding || entry.base.at != At::kHere) continue;
     const bool better = entry.held == nullptr;
     if (!better && (entry.with_harmonics || entry.harmonics.at != At::kHere)) continue;
+    if (only_needed && is_ahead(s)) continue;
     if (const double u = urgency_of({s, !better}); !best || u < least) {
       least = u;
       best = s;
     }
   }
   return best;
+}
+
+// Whether a segment may be begun beside those that are under way.
+bool SegmentStore::may_begin(std::uint32_t segment) const {
+  return under_way_.segments == 0 ||
+         under_way_.bytes + memory_of({segment, false}) <= settings_.memory_budget / kUnderWayShare;
 }
 
 // `harmonics`: what is wrong with these alone.
@@ -47,12 +67,14 @@ void SegmentStore::decode_segments() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     const std::optional<std::uint32_t> segment = next_decode();
-    if (!segment) {
+    if (!segment || !may_begin(*segment)) {
       to_decode_.wait(lock);
       continue;
     }
     const bool with_harmonics = entries_[*segment].harmonics.at == At::kHere;
+    const UnderWay own = {1, is_ahead(*segment) ? 1 : 0, memory_of({*segment, false})};
     entries_[*segment].decoding = true;
+    under_way_ = under_way_.with(own);
     const auto reader = reader_;
     const std::uint64_t generation = generation_;
     lock.unlock();
@@ -61,9 +83,13 @@ void SegmentStore::decode_segments() {
     Status base;
     run_as_task([&] { base = decode(*reader, *segment, with_harmonics, held, harmonics); });
     lock.lock();
-    if (generation != generation_) continue;
-    entries_[*segment].decoding = false;
-    take_decoded(*segment, with_harmonics, std::move(held), base, harmonics);
+    under_way_ = under_way_.without(own);
+    if (generation == generation_) {
+      entries_[*segment].decoding = false;
+      take_decoded(*segment, with_harmonics, std::move(held), base, harmonics);
+    }
+    to_decode_.notify_all();
+    if (std::exchange(is_full_, false)) to_fetch_.notify_all();
   }
 }
 

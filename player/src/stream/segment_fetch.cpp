@@ -118,8 +118,7 @@ bool SegmentStore::take(const Piece& piece, double urgency) {
 
 // Whether decoding is about to leave room.
 bool SegmentStore::is_decoding() const {
-  return next_decode() || std::any_of(entries_.begin(), entries_.end(),
-                                      [](const Entry& entry) { return entry.decoding; });
+  return under_way_.segments > 0 || next_decode();
 }
 
 // Puts the next run into `taken`; false where there is none. What throws leaves there what is
@@ -132,11 +131,13 @@ bool SegmentStore::next_run(double now, Runs& taken) {
   taken.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
   if (!take(*first, urgency)) {
     taken.pop_back();
-    if (running_.empty() && !is_decoding()) full_from_ = std::min(full_from_, urgency);
+    is_full_ = true;
+    const bool no_more_room = running_.empty() && !is_decoding();
+    if (no_more_room) full_from_ = std::min(full_from_, urgency);
     // What the viewer waits for and cannot have is passed over, or he would wait for ever.
     const bool layer0 =
         layer_of(reader_->segments()[first->segment], first->harmonics, tiers_) == 0;
-    if (layer0 && running_.empty() && need_for(*first).from <= settings_.resume_seconds) {
+    if (layer0 && no_more_room && need_for(*first).from <= settings_.resume_seconds) {
       lose(*first, false, PlayerEvent::Kind::kLost,
            runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
                          source_->name(), settings_.memory_budget));
@@ -271,7 +272,7 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
       if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kLost, status);
     }
   }
-  if (came) to_decode_.notify_all();
+  to_decode_.notify_all();
   // What a link carried before it failed tells nothing of what it carries after.
   if (!status.ok()) throughput_.forget();
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <system_error>
 #include <utility>
 
 #include "stgs/format/parallel.h"
@@ -35,6 +36,15 @@ std::vector<Piece> pieces_from(const std::vector<SegmentInfo>& segments, std::si
   std::sort(out.begin(), out.end(),
             [&](const Piece& a, const Piece& b) { return offset(a) < offset(b); });
   return out;
+}
+
+// How many segments are decoded at once. Each is decoded on all cores already: this is for what one
+// core does of it alone.
+int decoders_for(TaskRunner* runner) {
+  constexpr int kMost = 8;
+  const UseTaskRunner use(runner);
+  const int threads = std::max(concurrency(), 1);
+  return std::clamp(threads / 2, std::min(threads, 2), kMost);
 }
 
 }  // namespace
@@ -125,22 +135,24 @@ int SegmentStore::tiers() const {
   return tiers_;
 }
 
-// How many segments are decoded at once. Each is decoded on all cores already: this is for what one
-// core does of it alone.
-int SegmentStore::decoders() const {
-  constexpr int kMost = 8;  // each has its scratch memory
-  const UseTaskRunner use(settings_.task_runner);
-  return std::clamp(concurrency(), 1, kMost);
-}
-
 void SegmentStore::start_threads() {
   try {
+    decoders_ = decoders_for(settings_.task_runner);
     for (int k = 0; k < settings_.fetches; ++k) run_thread(&SegmentStore::fetch_pieces);
-    for (int k = 0; k < decoders(); ++k) run_thread(&SegmentStore::decode_segments);
+    run_thread(&SegmentStore::decode_segments);
+    start_more_decoders();
   } catch (...) {
     stop();
     for (std::thread& thread : threads_) thread.join();
     throw;
+  }
+}
+
+// Those that there are threads for: one is enough.
+void SegmentStore::start_more_decoders() {
+  try {
+    for (int k = 1; k < decoders_; ++k) run_thread(&SegmentStore::decode_segments);
+  } catch (const std::system_error&) {
   }
 }
 
@@ -165,7 +177,7 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
     if (jumped) full_from_ = kForEver;
   }
   to_fetch_.notify_all();
-  to_decode_.notify_all();
+  if (jumped) to_decode_.notify_all();
 }
 
 std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,

@@ -95,6 +95,17 @@ class SegmentStore {
     std::uint64_t generation = 0;
   };
   using Runs = std::list<Run>;
+  // What is being decoded.
+  struct UnderWay {
+    int segments = 0, ahead = 0;  // ahead: that are not needed yet
+    std::uint64_t bytes = 0;      // of memory that they are counted with
+    UnderWay with(const UnderWay& o) const {
+      return {segments + o.segments, ahead + o.ahead, bytes + o.bytes};
+    }
+    UnderWay without(const UnderWay& o) const {
+      return {segments - o.segments, ahead - o.ahead, bytes - o.bytes};
+    }
+  };
 
   PieceState& state(const Piece& piece) {
     return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
@@ -115,8 +126,8 @@ class SegmentStore {
   bool goes_on(const SceneReader& reader) const;
   void take_reader(std::shared_ptr<const SceneReader> reader);
   void forget_segments();
-  int decoders() const;
   void start_threads();
+  void start_more_decoders();
   void run_thread(void (SegmentStore::*work)());
   void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
   void hold(std::uint32_t segment, std::shared_ptr<const HeldSegment> held);
@@ -156,6 +167,8 @@ class SegmentStore {
   // segment_decoding.cpp
   void decode_segments();
   std::optional<std::uint32_t> next_decode() const;
+  bool is_ahead(std::uint32_t segment) const;  // not needed at the viewer's moment
+  bool may_begin(std::uint32_t segment) const;
   Status decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
                 std::shared_ptr<const HeldSegment>& held, Status& harmonics) const;
   void take_decoded(std::uint32_t segment, bool with_harmonics,
@@ -165,6 +178,8 @@ class SegmentStore {
 
   const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
+  int decoders_ =
+      1;  // segments that are decoded at once, at most; as when the threads were started
 
   mutable std::mutex mutex_;  // of all that follows
   std::shared_ptr<const SceneReader> reader_;
@@ -177,7 +192,9 @@ class SegmentStore {
   std::uint64_t jumps_ = 0;
   Motion motion_;
   std::vector<Entry> entries_;  // by segment
-  Runs running_;                // under way
+  UnderWay under_way_;
+  bool is_full_ = false;  // something found no room: what decoding leaves may be enough
+  Runs running_;          // under way
   std::uint64_t memory_ = 0;
   // Nothing as urgent as this or later found room when nothing was under way.
   double full_from_ = std::numeric_limits<double>::infinity();

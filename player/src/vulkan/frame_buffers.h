@@ -75,7 +75,8 @@ struct FrameBuffers {
   std::array<Buffer, 2> depth_keys, orders;  // after the sort in [0]: splats, nearest first
   Buffer tile_places;                        // instances of the splats of a workgroup
   std::array<Buffer, 2> tile_keys, tile_splats;
-  Buffer tile_ranges, patches;  // a number a tile
+  Buffer tile_ranges;
+  Buffer patches;  // where there are foveae: what the blend's workgroups draw
   Buffer digit_counts;
 };
 
