@@ -351,6 +351,13 @@ TEST_CASE("every ablation takes away what its name says") {
   REQUIRE(initialisation.ok());
   for (float s : initialisation->gaussians.sigma) CHECK(s > 6.0f);  // nothing starts short-lived
 
+  const SyntheticCapture still;
+  REQUIRE(encoder::write_points(still.capture.folder + "/points_dynamic.ply", {}).ok());
+  const Result<Scene> idle = run(still, settings);
+  REQUIRE_FALSE(idle.ok());
+  CHECK(idle.status().code() == StatusCode::kUsage);
+  CHECK(idle.status().message().find("nothing was found to move") != std::string::npos);
+
   settings.ablate = "initialisation,lifespan";
   const Result<Scene> both = run(synthetic, settings);
   REQUIRE(both.ok());

@@ -84,6 +84,12 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
   if (std::filesystem::exists(dynamic_path)) {
     STGS_ASSIGN(moving, read_points(dynamic_path));
   }
+  if (!ablation.initialisation && moving.empty()) {
+    return usage_error(
+        "--ablate initialisation has no effect: nothing was found to move in {}; "
+        "leave it out",
+        capture.folder);
+  }
   const int frames =
       capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;
   for (InitialPoint& point : moving) {

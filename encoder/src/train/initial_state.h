@@ -16,6 +16,7 @@ namespace stgs::encoder {
 // random choice of them: of the dynamic ones by the seed, of the static ones the same for all
 // windows and seeds, or the first part of it where a window has more dynamic ones. The background
 // is the capture's, whatever the window and the seed (but for rounding: the start is drawn for it).
+// kUsage where the initialisation is to be ablated of a capture without dynamic points.
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed);
 
