@@ -110,6 +110,22 @@ TEST_CASE("every hyper-parameter changes the scene or is refused, with and witho
   CHECK(left_out["modulation"].size() == left_out[""].size() + 1);
 }
 
+TEST_CASE("of many primitives faint ones are kept, unless told which") {
+  const auto pruned = [](const char* preset, int primitives, const Values& values) {
+    TrainSettings settings = settings_of("", values);
+    settings.preset = preset;
+    settings.max_primitives = primitives;
+    const Result<TrainingChoice> choice = choose_training(settings);
+    REQUIRE(choice.ok());
+    return choice->parameters.prune_opacity;
+  };
+  CHECK(pruned("default", 0, {}) == 0.02);
+  CHECK(pruned("default", 200000, {}) == 0.02);
+  CHECK(pruned("default", 200001, {}) == 0.005);
+  CHECK(pruned("default", 400000, {{"prune_opacity", "0.01"}}) == 0.01);
+  CHECK(pruned("best", 400000, {}) == 0.005);
+}
+
 TEST_CASE("short runs densify as often as one of 600 iterations, unless told how often") {
   const auto interval = [](int iterations, const Values& values) {
     TrainSettings settings = settings_of("", values);

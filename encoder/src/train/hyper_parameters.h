@@ -70,7 +70,7 @@ struct HyperParameters {
   double split_gradient = 4e-4;
   double split_scale = 0.01;    // larger ones split, smaller ones clone; share of the extent
   double growth_limit = 0.1;    // new primitives a step, share of those present
-  double prune_opacity = 0.02;  // fainter ones make room, where room is short (best: 0.005)
+  double prune_opacity = 0.02;  // fainter ones make room; above 200,000 primitives 0.005
   double prune_scale = 0.5;     // larger than this share of the extent is removed
   double score_error = 1.0;     // lambda_e, on E scaled to [0,1]
   double score_opacity = 0.2;   // lambda_o

@@ -15,6 +15,11 @@
 namespace stgs::encoder {
 namespace {
 
+// Of so many primitives faint ones are worth keeping: .36 dB on held-out views with 400,000, where
+// 200,000 are as good either way (tests/bench/RESULTS.md).
+constexpr int kManyPrimitives = 200'000;
+constexpr double kManyPruneOpacity = 0.005;
+
 struct Choice {
   const TrainSettings& settings;
   const HyperParameters& parameters;
@@ -89,10 +94,16 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
     STGS_TRY(set_hyper_parameter(choice.parameters, name, value));
   }
   STGS_TRY(check_hyper_parameters(choice.parameters));
-  if (std::none_of(settings.overrides.begin(), settings.overrides.end(),
-                   [](const auto& set) { return set.first == "densify_interval"; })) {
-    HyperParameters& p = choice.parameters;
+  const auto is_set = [&settings](const char* name) {
+    return std::any_of(settings.overrides.begin(), settings.overrides.end(),
+                       [name](const auto& set) { return set.first == name; });
+  };
+  HyperParameters& p = choice.parameters;
+  if (!is_set("densify_interval")) {
     p.densify_interval = std::min(p.densify_interval, longest_interval(p.iterations));
+  }
+  if (!is_set("prune_opacity") && p.max_primitives > kManyPrimitives) {
+    p.prune_opacity = std::min(p.prune_opacity, kManyPruneOpacity);
   }
   STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
   STGS_TRY(check_used({settings, choice.parameters, choice.ablation}));
