@@ -5,18 +5,20 @@
 //        play_probe play PLACE LOCAL SECONDS [SEEK...]
 //   Plays PLACE for SECONDS of the clock at 30 pictures a second (round and round), seeks to each
 //   moment SEEK 0.3 s apart meanwhile, then pauses, waits until all has come that can come (5 s at
-//   most), and compares what is alive with LOCAL, the same file on a disk.
+//   most), and compares what is alive, and a picture of it, with LOCAL, the same file on a disk.
 //        play_probe follow PLACE SECONDS
 //   Follows a recording until it has ended, for SECONDS at most.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
 
 #include "../api/scene_fixture.h"
 #include "stgs/player/player.h"
+#include "stgs/player/renderer.h"
 
 using namespace stgs;
 using namespace stgs::player;
@@ -62,9 +64,28 @@ std::vector<std::uint32_t> alive(Timeline& timeline, double moment) {
   return ids;
 }
 
+// A small picture of the whole scene.
+Frame picture_of(Renderer& renderer, Timeline& timeline, double moment) {
+  View view{};
+  view.camera.rotation = math::rotation_of({1, 0, 0, 0});
+  view.camera.width = 64;
+  view.camera.height = 48;
+  view.camera.fx = view.camera.fy = 60;
+  view.camera.cx = 32;
+  view.camera.cy = 24;
+  view.camera.near_plane = 0.2f;
+  std::vector<Frame> frames;
+  if (const Status status = renderer.render(timeline, moment, {view}, frames, nullptr);
+      !status.ok()) {
+    fail(status);
+  }
+  return frames[0];
+}
+
 class Show {
  public:
-  Show(Player& player, double begin) : player_(player), begin_(begin) {}
+  Show(Player& player, double begin)
+      : player_(player), begin_(begin), renderer_(std::move(*make_renderer("cpu"))) {}
 
   void play(double duration, const std::vector<double>& seeks) {
     player_.set_loop(true);
@@ -117,6 +138,9 @@ class Show {
         {"layers_of_file", player_.layers_of_file()},
         {"fewest_layers", fewest_},
         {"same", alive(player_.timeline(), player_.seconds()) == alive(local, player_.seconds())},
+        {"same_picture",
+         picture_of(*renderer_, player_.timeline(), player_.seconds()).colour.data ==
+             picture_of(*renderer_, local, player_.seconds()).colour.data},
         {"bytes_per_second", statistics.bytes_per_second},
         {"fetched_bytes", statistics.fetched_bytes},
         {"counts", counts_},
@@ -129,6 +153,7 @@ class Show {
     alive(player_.timeline(), moment);
     const bool ready = player_.ready();
     longest_call_ = std::max(longest_call_, seconds() - now);
+    (void)picture_of(*renderer_, player_.timeline(), moment);  // whatever of it is there
     if (ready && first_ready_ < 0) first_ready_ = now - begin_;
     ++pictures_;
     ready_ += ready ? 1 : 0;
@@ -142,6 +167,7 @@ class Show {
 
   Player& player_;
   double begin_, first_ready_ = -1, longest_call_ = 0;
+  std::unique_ptr<Renderer> renderer_;
   int pictures_ = 0, ready_ = 0, fewest_ = 1000;
   Json counts_ = Json::object(), messages_ = Json::array();
 };

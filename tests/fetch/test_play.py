@@ -14,6 +14,7 @@ import threading
 import time
 import unittest
 
+from faulty_link import FaultyLink
 from faulty_server import FaultyServer
 from nginx import Nginx
 
@@ -41,9 +42,10 @@ class Play(unittest.TestCase):
         return out
 
     def recovers(self, out):
-        """All has come in the end, and no call waited for the link."""
+        """All has come in the end and is drawn so, and no call waited for the link."""
         self.assertEqual(out["layers"], out["layers_of_file"], out)
         self.assertTrue(out["same"], out)
+        self.assertTrue(out["same_picture"], out)
         self.assertLess(out["longest_call"], 0.5, out)
         self.assertLess(out["closed_in"], 2, out)
 
@@ -108,6 +110,83 @@ class Play(unittest.TestCase):
         self.assertEqual(out["counts"].get("damaged", 0), 0, out)
         self.assertLess(out["longest_call"], 0.5, out)
         self.assertLess(out["closed_in"], 2, out)
+
+
+@unittest.skipUnless(shutil.which("nginx"), "needs nginx")
+class PlayNginx(unittest.TestCase):
+    """nginx behind a link that misbehaves, or with a file that comes and goes."""
+    play, recovers = Play.play, Play.recovers
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = folder.name
+        self.served = self.folder + "/scene.stgs"
+        self.file = self.folder + "/kept.stgs"  # what it is compared with
+        subprocess.run([PROBE, "make", self.served], check=True, timeout=120)
+        shutil.copyfile(self.served, self.file)
+        self.size = os.path.getsize(self.file)
+
+    def over_link(self, faults, seconds, *seeks):
+        with Nginx(self.folder) as server, FaultyLink(server.port, faults) as link:
+            out = self.play(link.url, seconds, *seeks)
+            self.assertGreater(link.connections, 0)
+        self.recovers(out)
+        self.assertGreater(out["pictures_ready"], 0)
+        return out
+
+    def test_delay(self):
+        out = self.over_link([{"delay": 0.1}] * 100, 2)
+        self.assertEqual(out["messages"], [])
+
+    def test_delay_and_seeks(self):
+        self.over_link([{"delay": 0.05}] * 100, 2, 2.5, 0.2, 1.7, 0.9, 2.9)
+
+    def test_resets(self):
+        part = self.size // 16
+        out = self.over_link([{}, {"cut": part}, {"cut": 0}, {}, {"cut": 300}, {"cut": part}] * 2, 2)
+        self.assertGreater(out["counts"].get("retry", 0), 0, out)
+
+    def test_a_stall(self):
+        out = self.over_link([{}, {"stall": self.size // 16}, {}, {"stall": 0}], 3)
+        self.assertGreater(out["counts"].get("retry", 0), 0, out)
+
+    def while_it_plays(self, change, seconds):
+        """Calls `change` while the file comes by many requests: the first connections are cut after a
+        tenth of it each, for which they take more than half a second."""
+        cuts = [{"cut": self.size // 10}] * 12
+        with Nginx(self.folder, limit=str(self.size // 16)) as server:
+            with FaultyLink(server.port, cuts) as link:
+                changing = threading.Timer(0.3, change)
+                changing.start()
+                out = self.play(link.url, seconds)
+                changing.join()
+        return out
+
+    def test_a_404_in_mid_stream(self):
+        def lose_for_a_while():
+            os.rename(self.served, self.served + ".away")
+            time.sleep(1)
+            os.rename(self.served + ".away", self.served)
+
+        out = self.while_it_plays(lose_for_a_while, 4)
+        self.recovers(out)
+        self.assertGreater(out["counts"].get("lost", 0), 0, out)
+        self.assertTrue(any("404" in m for m in out["messages"]), out)
+
+    def test_a_file_that_is_replaced_and_put_back(self):
+        def replace_for_a_while():
+            os.rename(self.served, self.served + ".away")
+            with open(self.served + ".other", "wb") as other:
+                other.write(bytes(range(256)) * (self.size // 256))
+            os.rename(self.served + ".other", self.served)
+            time.sleep(1)
+            os.rename(self.served + ".away", self.served)
+
+        out = self.while_it_plays(replace_for_a_while, 4)
+        self.recovers(out)  # nothing of the other is taken for it
+        self.assertEqual(out["counts"].get("replaced", 0), 1, out)
+        self.assertEqual(out["counts"].get("damaged", 0), 0, out)
 
 
 class Live(unittest.TestCase):
