@@ -177,6 +177,11 @@ class Reading(CliTest):
                             "--full-harmonics", "--backend", "cpu")
         self.assertTrue(full["full_harmonics"])
         self.assertEqual(full["again"]["device_ms"]["p99"], 0)
+        packed = self.json_of("bench", scene, "--pictures", "2", "--size", "32x24",
+                              "--full-harmonics", "--quality", "80")
+        self.assertEqual(packed["quality"], 80)
+        self.assertLess(3 * packed["file_bytes"], full["file_bytes"])
+        self.fails(USAGE, "--quality is of what --animate, ", "bench", scene, "--quality", "80")
         text = self.succeeds("bench", scene, "--pictures", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")

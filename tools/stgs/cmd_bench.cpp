@@ -43,8 +43,8 @@ class Bench final : public Command {
             "renderers: 300 frames, T uniform in them, sigma 3 frames for 30 % and 900 for the\n"
             "rest, r nearly 0, speeds to .001 units a frame and axis. --lives parts each into\n"
             "so many that follow each other: as many are alive, and so many times more stored.\n"
-            "--full-harmonics gives a model of lower degree random ones up to degree 3. The\n"
-            "whole file is then held lossless in memory.",
+            "--full-harmonics gives a model of lower degree random ones up to degree 3. What\n"
+            "is made so is held in memory as a file, lossless or of --quality.",
             "  stgs bench scene.stgs --size 3840x2160\n"
             "  stgs bench scene.stgs --size 2064x2208 --stereo 0.063 --fovea 500\n"
             "  stgs bench scene.stgs --play player --frames 300\n"
@@ -92,6 +92,9 @@ class Bench final : public Command {
         ->check(number_between(1, 1000));
     app.add_flag("--full-harmonics", full_harmonics_,
                  "Give the primitives harmonics to degree 3, random where they have none");
+    app.add_option("--quality", quality_,
+                   "Pack what --animate, --lives or --full-harmonics made: 0 to 100, as convert")
+        ->check(number_between(0, 100));
     app.add_option("--memory", memory_mb_, "Decoded data held at most, MB (10^6 bytes)")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
@@ -117,13 +120,22 @@ class Bench final : public Command {
 
  private:
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {
-    if (!animate_ && !full_harmonics_ && lives_ == 0) return open_place(session, file_);
+    if (!animate_ && !full_harmonics_ && lives_ == 0) {
+      if (!quality_) return open_place(session, file_);
+      return usage_error(
+          "--quality is of what --animate, --lives or --full-harmonics make; {} stays as it is",
+          file_);
+    }
     STGS_ASSIGN(Scene scene, read_place(session, file_));
     if (animate_) animate(scene, session.options.seed);
     if (full_harmonics_) fill_harmonics(scene.gaussians, session.options.seed + 1);
     if (lives_ > 0) part_lives(scene, lives_, session.options.seed);
     WriteSettings settings;
     settings.zstd_level = 1;
+    if (quality_) {
+      settings.profile = Profile::kQuantised;
+      settings.quality = *quality_;
+    }
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(scene, settings));
     return memory_source(std::move(bytes), file_);
   }
@@ -271,6 +283,8 @@ class Bench final : public Command {
             {"animated", animate_},
             {"lives", std::max(lives_, 1)},
             {"full_harmonics", full_harmonics_},
+            {"quality", quality_ ? Json(*quality_) : Json(nullptr)},
+            {"file_bytes", timeline.reader().file_bytes()},
             {"primitives", timeline.reader().primitives()},
             {"lost", losses_json(timeline)},
             {"stored", pass.stored},
@@ -294,7 +308,7 @@ class Bench final : public Command {
   std::vector<std::string> camera_files_;
   int pictures_ = 40, lives_ = 0;
   bool animate_ = false, full_harmonics_ = false, steps_ = false;
-  std::optional<double> eye_distance_;
+  std::optional<double> eye_distance_, quality_;
   std::optional<float> fovea_radius_;
   PlaySettings play_;
   double memory_mb_ = 4096;
