@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Vulkan renderer through renderer_cases.cpp, with the validation layer where it is installed;
 // its variant keeps to shared memory and to small blocks of segments. Exit code 77: there is no
-// device.
+// device, no layer where STGS_VALIDATED is set, or Mesa's of the CPU has not the subgroups of
+// STGS_CPU_SUBGROUP lanes that it was asked for.
 #define CATCH_CONFIG_RUNNER
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdio>
+#include <cstdlib>
 #include <string>
 #include <vector>
 
 #include "renderer_under_test.h"
 #include "scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
+#include "vulkan_compute.h"
 
 namespace stgs::testing {
 namespace {
@@ -74,10 +77,30 @@ class Listener : public Catch::TestEventListenerBase {
 };
 CATCH_REGISTER_LISTENER(Listener)
 
+// Says what is tested; why it is not what was asked for, or nothing.
+std::string lacking() {
+  const test::VulkanCompute vulkan;
+  if (!vulkan.missing().empty()) return vulkan.missing();
+  const std::uint32_t lanes = vulkan.subgroup_size(0);
+  std::printf("%s, subgroups of %u, %s\n", vulkan.devices()[0].c_str(), lanes,
+              vulkan.validated() ? "validated" : "without the validation layer");
+  if (std::getenv("STGS_VALIDATED") != nullptr && !vulkan.validated()) {
+    return "the validation layer is not installed";
+  }
+  const char* const wanted = std::getenv("STGS_CPU_SUBGROUP");
+  const bool asked = wanted != nullptr && vulkan.devices()[0].starts_with("llvmpipe");
+  if (!asked || std::to_string(lanes) == wanted) return {};
+  return std::string("subgroups are not of ") + wanted;
+}
+
 }  // namespace stgs::testing
 
 int main(int argc, char** argv) {
   using namespace stgs;
+  if (const std::string why = testing::lacking(); !why.empty()) {
+    std::printf("skipped: %s\n", why.c_str());
+    return 77;
+  }
   const auto renderer = testing::make_renderer_under_test({});
   if (renderer.status().code() == StatusCode::kUnsupported) {
     std::printf("skipped: %s\n", renderer.status().message().c_str());

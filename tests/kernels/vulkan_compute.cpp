@@ -286,6 +286,15 @@ const std::string& VulkanCompute::missing() const {
 const std::vector<std::string>& VulkanCompute::devices() const {
   return state_->names;
 }
+std::uint32_t VulkanCompute::subgroup_size(std::size_t index) const {
+  VkPhysicalDeviceSubgroupProperties subgroups{};
+  subgroups.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES;
+  VkPhysicalDeviceProperties2 properties{};
+  properties.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2;
+  properties.pNext = &subgroups;
+  vkGetPhysicalDeviceProperties2(state_->devices[index], &properties);
+  return subgroups.subgroupSize;
+}
 bool VulkanCompute::validated() const {
   return state_->made.messenger != VK_NULL_HANDLE;
 }

@@ -22,6 +22,8 @@ class VulkanCompute {
   const std::string& missing() const;
   // Names of the devices with a compute queue.
   const std::vector<std::string>& devices() const;
+  // Lanes of a subgroup of one of them.
+  std::uint32_t subgroup_size(std::size_t index) const;
   // Whether the Khronos validation layer, synchronisation validation included, is on.
   bool validated() const;
   // What the layer said so far: warnings and errors.
