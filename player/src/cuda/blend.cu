@@ -81,7 +81,6 @@ struct Patch {
   std::uint32_t tile;  // whose list it goes through, of the view's
   int x0, y0;          // pixels, of the picture of half the size where it is halved
   int width, height;   // of that picture
-  bool halved;
 };
 
 // A quarter of a tile, or of a square of 2 x 2 that is at half resolution, whose first tile it is.
@@ -91,7 +90,6 @@ __device__ Patch patch_of(const ViewInput& view, std::uint32_t tile, int quarter
   const int tx = static_cast<int>(tile) % view.tiles_x, ty = static_cast<int>(tile) / view.tiles_x;
   const int halvings = halved ? 1 : 0;
   out.tile = tile;
-  out.halved = halved;
   out.width = (view.width + halvings) >> halvings;
   out.height = (view.height + halvings) >> halvings;
   out.x0 = (tx >> halvings) * kTilePixels + quarter % 2 * kSide;

@@ -178,8 +178,7 @@ class SegmentStore {
 
   const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
-  int decoders_ =
-      1;  // segments that are decoded at once, at most; as when the threads were started
+  int decoders_ = 1;  // segments that are decoded at once, at most
 
   mutable std::mutex mutex_;  // of all that follows
   std::shared_ptr<const SceneReader> reader_;
