@@ -12,21 +12,26 @@ STGS_MATH_BEGIN
 // where nothing moves, and what covers a whole clip would drift with it.
 struct SettleRules {
   float still;   // half width of the support, ticks, beyond which v shrinks
-  float shrink;  // |v| that a step takes off there, down to 0; scene units a frame
+  float shrink;  // |v| that a step takes off there at least, down to 0; scene units a frame
 };
+
+// The share of |v| that a step takes off where that is more: a lifespan that grows while the motion
+// stays has v grow with f, to a hundred times what single shrinks would ever bring to rest.
+const float kSettleShare = 1.0f / 16.0f;
 
 // v after a step of Adam that left the lifespan sigma, r, whose modulation f is `ratio` times what
 // it was before; 1 where v is not modulated. The motion u = v / f stays as it was, else each change
 // of sigma or r would change it too, which keeps lifespans from being learnt; then v shrinks, a
-// proximal step of an L1 penalty on |v|. How long is told by what is seen of full opacity, not by
-// sigma + r: a flat top ends with r, where a sigma as long is seen for more than twice as long.
+// proximal step of an L1 penalty on |v|, and fast where |v| is large. How long is told by what is
+// seen of full opacity, not by sigma + r: a flat top ends with r, where a sigma as long is seen for
+// more than twice as long.
 STGS_FN Vec3 settled_velocity(Vec3 v, float ratio, float sigma, float radius, SettleRules rules) {
   Vec3 kept = vec3_scale(v, ratio);
   float seen = support_half_width(1.0f, sigma, radius, kAlphaThreshold);
   if (seen <= rules.still || rules.shrink <= 0.0f) return kept;
   float length = sqrt(dot3(kept, kept));
   if (length <= rules.shrink) return vec3_of(0.0f, 0.0f, 0.0f);
-  return vec3_scale(kept, 1.0f - rules.shrink / length);
+  return vec3_scale(kept, 1.0f - larger(kSettleShare, rules.shrink / length));
 }
 
 STGS_MATH_END

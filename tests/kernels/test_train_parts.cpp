@@ -194,6 +194,15 @@ TEST_CASE("what lives long loses speed with each step, down to rest; what lives 
   CHECK(math::settled_velocity(v, 1.0f, 3.0f, 20.0f, rules).y == Approx(1.2f));
 }
 
+TEST_CASE("what flew by and then came to live long is at rest after a few hundred steps") {
+  const math::SettleRules rules{19.0f, 5e-4f};
+  math::Vec3 v{0.0f, 110.0f, 0.0f};  // .2 units a frame at a sigma of 23 frames
+  for (int step = 0; step < 300; ++step) v = math::settled_velocity(v, 1.0f, 23.0f, 0.0f, rules);
+  CHECK(v.y == 0.0f);
+  const math::Vec3 kept = math::settled_velocity({0, 110.0f, 0}, 1.0f, 23.0f, 0.0f, {19.0f, 0.0f});
+  CHECK(kept.y == 110.0f);
+}
+
 TEST_CASE("without the modulation v is the motion, and settles by the lifespan all the same") {
   TrainState state = random_state(2, 6);
   state.log_sigma = {std::log(3.0f), std::log(40.0f)};
