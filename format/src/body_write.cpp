@@ -10,12 +10,10 @@
 #include "planes.h"
 #include "segment.h"
 #include "stgs/format/parallel.h"
+#include "tiers.h"
 
 namespace stgs {
 namespace {
-
-constexpr std::size_t kLeastTier =
-    512;  // primitives: fewer would cost more in tables than they gain
 
 Integers float_bits(const Gaussians4D& set, Attribute attribute) {
   Integers out;
@@ -35,52 +33,6 @@ std::vector<Integers> lossless_integers(const Gaussians4D& set) {
   std::vector<Integers> out;
   for (Attribute attribute : attributes_of(set.sh_degree))
     out.push_back(float_bits(set, attribute));
-  return out;
-}
-
-// Where tiers by importance end: the least importance in each but the last, of so many tiers of
-// like size of the whole scene.
-std::vector<float> tier_bounds(std::span<const float> importance, int tiers) {
-  std::vector<float> sorted(importance.begin(), importance.end()), bounds;
-  for (int t = 1; t < tiers && !sorted.empty(); ++t) {
-    const auto at =
-        sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * static_cast<std::size_t>(t) /
-                                                     static_cast<std::size_t>(tiers));
-    std::nth_element(sorted.begin(), at, sorted.end(), std::greater<>());
-    bounds.push_back(*at);
-  }
-  return bounds;
-}
-
-// Members of a segment that a tier has.
-struct Tier {
-  int importance = 0;
-  std::vector<std::uint32_t> members;
-};
-
-// The members by tier, those of most importance first; a tier that would be small goes with the one
-// before or after it.
-std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
-                           std::span<const float> importance, const std::vector<float>& bounds) {
-  std::vector<Tier> all(bounds.size() + 1);
-  for (const std::uint32_t i : members) {
-    std::size_t t = 0;
-    while (t < bounds.size() && importance[i] < bounds[t]) ++t;
-    all[t].members.push_back(i);
-  }
-  std::vector<Tier> out;
-  for (std::size_t t = 0; t < all.size(); ++t) {
-    all[t].importance = static_cast<int>(t);
-    const bool small = all[t].members.size() < kLeastTier;
-    if (out.empty() || (!small && out.back().members.size() >= kLeastTier)) {
-      out.push_back(std::move(all[t]));
-      continue;
-    }
-    Tier& last = out.back();
-    if (all[t].members.size() > last.members.size()) last.importance = static_cast<int>(t);
-    last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
-  }
-  for (Tier& tier : out) std::sort(tier.members.begin(), tier.members.end());
   return out;
 }
 
@@ -149,15 +101,21 @@ std::vector<Piece> pieces_of(Place place, Tier tier, const Encoding& encoding,
 
 // All segments of all parts, tier after tier.
 std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& parts, Body& body) {
-  const std::vector<float> bounds = tier_bounds(encoding.importance, encoding.tiers);
+  std::vector<std::vector<SegmentMembers>> whole;  // by part
+  for (const PartRange& part : parts) {
+    whole.push_back(
+        segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
+  }
+  const std::vector<double> shares =
+      tier_shares(encoding.tiers, mean_needed(parts, whole, encoding.chunk_ticks));
+  const std::vector<float> bounds = tier_bounds(encoding.importance, shares);
   std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    for (const SegmentMembers& whole : segments_of(*encoding.set, parts[p], encoding.chunk_ticks,
-                                                   encoding.quantiser == nullptr)) {
+    for (const SegmentMembers& segment : whole[p]) {
       int tier = 0;
-      for (Tier& members : tiers_of(whole.members, encoding.importance, bounds)) {
+      for (Tier& members : tiers_of(segment.members, encoding.importance, bounds)) {
         for (Piece& piece :
-             pieces_of(whole.place, std::move(members), encoding, parts[p].interval)) {
+             pieces_of(segment.place, std::move(members), encoding, parts[p].interval)) {
           SegmentEntry entry;
           entry.part = p;
           entry.base.level = piece.segment.place.level;

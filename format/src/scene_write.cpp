@@ -25,8 +25,8 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
   if (!(settings.quality >= 0 && settings.quality <= 100)) {
     return usage_error("quality {} is not in 0..100", settings.quality);
   }
-  if (settings.tiers < 1 || settings.tiers > kMostTiers) {
-    return usage_error("{} tiers, not 1 to {}", settings.tiers, kMostTiers);
+  if (settings.tiers < 0 || settings.tiers > kMostTiers) {
+    return usage_error("{} tiers, not 1 to {}, or 0 to choose", settings.tiers, kMostTiers);
   }
   if (settings.zstd_level < 1 || settings.zstd_level > 19) {
     return usage_error("zstd level {} is not in 1..19", settings.zstd_level);

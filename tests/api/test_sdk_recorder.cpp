@@ -309,7 +309,7 @@ TEST_CASE("settings of a recording that are none are named, and another try may 
   refused([](auto& s) { s.time_base_denominator = 0; }, "time_base_denominator is 0");
   refused([](auto& s) { s.sh_degree = 4; }, "sh_degree is 4");
   refused([](auto& s) { s.profile = 7; }, "profile is 7");
-  refused([](auto& s) { s.tiers = 0; }, "tiers is 0");
+  refused([](auto& s) { s.tiers = -1; }, "tiers is -1");
   refused([](auto& s) { s.quality = 101; }, "quality is 101");
   refused([](auto& s) { s.max_error = -1; }, "max_error is -1");
   refused([](auto& s) { s.chunk_seconds = 1e-9; }, "chunk_seconds is 1e-09");

@@ -36,10 +36,12 @@ void PackOptions::declare(CLI::App& app) {
                  "where it is not given")
       ->check(number_between(0.01, 3600))
       ->group(group);
-  app.add_option("--tiers", tiers_,
-                 "Parts of a segment by importance: a player may begin with the first alone")
+  app.add_option(
+         "--tiers", tiers_,
+         "Parts of a segment by importance, of like size: a player may begin with the first "
+         "alone. 3 where it is not given, or a small one and ever larger ones where a moment "
+         "has many primitives")
       ->check(number_between(1, 16))
-      ->capture_default_str()
       ->group(group);
   app.add_option("--metres-per-unit", metres_,
                  "How many metres a scene unit is, for the file to say")

@@ -204,7 +204,8 @@ enum {
 typedef struct stgs_pack_settings {
   size_t struct_size;
   stgs_profile profile; /* default STGS_PROFILE_QUANTISED */
-  int32_t tiers;        /* parts of a segment by importance, 1 to 16; default 3 */
+  int32_t tiers;        /* parts of a segment by importance, of like size, 1 to 16; 0 (default):
+                         * three, or a small one and ever larger ones where a moment has many */
   double quality;       /* 0 to 100; default 87; not looked at where there is a target_kbps */
   double target_kbps; /* mean bit rate not to be passed, kbit/s, 0.001 to 10^9; 0 (default): none */
   double max_error;   /* how far a primitive may come to lie from where it was, thousandths of a
@@ -276,7 +277,7 @@ typedef struct stgs_record_settings {
   uint32_t time_base_denominator;
   int32_t sh_degree;    /* of all stretches, 0 (default) to 3 */
   stgs_profile profile; /* default STGS_PROFILE_QUANTISED */
-  int32_t tiers;        /* as of stgs_pack_settings; default 3 */
+  int32_t tiers;        /* as of stgs_pack_settings; default 0 */
   double quality;       /* 0 to 100; default 87 */
   double max_error; /* thousandths of a scene unit, 10^-6 to 10^9; 0 (default): as quality has it */
   double chunk_seconds; /* shortest segment, 0.01 to 3600; 0 (default): by the first stretch */

@@ -26,7 +26,7 @@ bool is_zero(const float* v) {
 Outcome check(const stgs_pack_settings& s) {
   constexpr double kFar = 1e9;
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
-  STGS_SDK_TRY(check_range("tiers", s.tiers, 1, 16));
+  STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
   STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
   STGS_SDK_TRY(check_range("target_kbps", s.target_kbps, 0.001, 1e9, "none"));
   STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));

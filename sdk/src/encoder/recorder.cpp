@@ -67,7 +67,7 @@ Outcome check(const stgs_record_settings& s) {
   STGS_SDK_TRY(check_range("time_base_denominator", s.time_base_denominator, 1, kMost));
   STGS_SDK_TRY(check_range("sh_degree", s.sh_degree, 0, 3));
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
-  STGS_SDK_TRY(check_range("tiers", s.tiers, 1, 16));
+  STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
   STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
   STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));
   STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "by the first stretch"));

@@ -22,7 +22,7 @@ struct PackSettings {
   // thousandths of a scene unit (millimetres, where that is a metre); 0: as quality has it.
   double max_error = 0;
   double chunk_seconds = 0;  // 0: chosen for the lifespans of the scene
-  int tiers = 3;             // 1..16
+  int tiers = 0;             // 1..16; 0: as WriteSettings chooses
   // A prepared capture: the loss is measured on its test cameras too. Empty: none. For one scene.
   std::string against;
   // What the file is to say of its space and its sound, where the scene does not or says it

@@ -251,7 +251,9 @@ struct WriteSettings {
   // Not of the lossless profile: how far a primitive may come to lie from where it was, scene
   // units, at any moment at which it is seen; 0: as far as quality has it.
   double max_error = 0;
-  int tiers = 3;  // 1..16, not of the lossless profile: of the scene, by importance
+  // 1..16, not of the lossless profile: of the scene, by importance, of like size; 0: three, or a
+  // small one and ever larger ones where a moment has many primitives.
+  int tiers = 0;
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tiers of a scene: which primitives come first, for a reader that begins with less.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "segmenter.h"
+
+namespace stgs {
+
+inline constexpr std::size_t kLeastTier =
+    512;  // primitives: fewer would cost more in tables than they gain
+
+// Primitives that the segments of a moment hold, mean over the moments of the parts; `whole` has
+// the segments of each part.
+double mean_needed(std::span<const PartRange> parts,
+                   std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks);
+
+// The share of the primitives that each tier has, those of most importance first: of like size
+// where so many `tiers` are asked for. 0 chooses: three, but where a third of a moment would take
+// long to come over a link the first tier is small, each further one has twice as many, and there
+// are as many as that makes.
+std::vector<double> tier_shares(int tiers, double needed);
+
+// Where the tiers end: the least importance in each but the last, over the whole scene.
+std::vector<float> tier_bounds(std::span<const float> importance, std::span<const double> shares);
+
+// Members of a segment that a tier has.
+struct Tier {
+  int importance = 0;  // which of tier_bounds
+  std::vector<std::uint32_t> members;
+};
+
+// The members by tier, those of most importance first; a tier that would be small goes with the one
+// before or after it.
+std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
+                           std::span<const float> importance, std::span<const float> bounds);
+
+}  // namespace stgs
