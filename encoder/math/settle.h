@@ -9,15 +9,14 @@
 STGS_MATH_BEGIN
 
 // What lives long stands still unless its motion earns its keep: Adam's steps are a random walk
-// where nothing moves, and what covers a whole clip would drift with it.
+// where nothing moves, and what covers a whole clip would drift with it. A lifespan that grows
+// while the motion stays has v grow with f, to more than steps of a length would ever bring to
+// rest.
 struct SettleRules {
   float still;   // half width of the support, ticks, beyond which v shrinks
-  float shrink;  // |v| that a step takes off there at least, down to 0; scene units a frame
+  float shrink;  // |v| that a step takes off there, down to 0; scene units a frame; 0: v is kept
+  float share;   // of |v|, which a step takes off where that is more; 0 to 1
 };
-
-// The share of |v| that a step takes off where that is more: a lifespan that grows while the motion
-// stays has v grow with f, to a hundred times what single shrinks would ever bring to rest.
-const float kSettleShare = 1.0f / 16.0f;
 
 // v after a step of Adam that left the lifespan sigma, r, whose modulation f is `ratio` times what
 // it was before; 1 where v is not modulated. The motion u = v / f stays as it was, else each change
@@ -31,7 +30,7 @@ STGS_FN Vec3 settled_velocity(Vec3 v, float ratio, float sigma, float radius, Se
   if (seen <= rules.still || rules.shrink <= 0.0f) return kept;
   float length = sqrt(dot3(kept, kept));
   if (length <= rules.shrink) return vec3_of(0.0f, 0.0f, 0.0f);
-  return vec3_scale(kept, 1.0f - larger(kSettleShare, rules.shrink / length));
+  return vec3_scale(kept, 1.0f - larger(rules.share, rules.shrink / length));
 }
 
 STGS_MATH_END

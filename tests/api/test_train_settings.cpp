@@ -27,15 +27,15 @@ const Values kBase = {
 
 // Where another value than 1.7 times the base's is needed: a count, a share, or one that shows.
 const Values kOther = {
-    {"iterations", "15"},      {"max_primitives", "70"}, {"sh_degree", "2"},
-    {"densify_interval", "2"}, {"opacity_resets", "4"},  {"seen_background", "0"},
-    {"velocity_times_f", "0"}, {"initial_radius", "1"},  {"densify_until", "0.6"},
-    {"prune_opacity", "0.3"},  {"plain_prune", "0.4"},   {"prune_scale", "0.1"},
-    {"clone_gradient", "1"},   {"split_gradient", "1"},  {"still_from", "0.3"},
-    {"split_scale", "0.1"},    {"sh_step", "0.6"},       {"score_error", "0.01"},
-    {"score_opacity", "50"},   {"score_lifespan", "50"}, {"plain_reset", "0.45"},
-    {"still_least", "10"},     {"densify_from", "0.2"},  {"perceptual_from", "0.5"},
-    {"perceptual_patch", "32"}};
+    {"iterations", "15"},       {"max_primitives", "70"}, {"sh_degree", "2"},
+    {"densify_interval", "2"},  {"opacity_resets", "4"},  {"seen_background", "0"},
+    {"velocity_times_f", "0"},  {"initial_radius", "1"},  {"densify_until", "0.6"},
+    {"prune_opacity", "0.3"},   {"plain_prune", "0.4"},   {"prune_scale", "0.1"},
+    {"clone_gradient", "1"},    {"split_gradient", "1"},  {"still_from", "0.3"},
+    {"split_scale", "0.1"},     {"sh_step", "0.6"},       {"score_error", "0.01"},
+    {"score_opacity", "50"},    {"score_lifespan", "50"}, {"plain_reset", "0.45"},
+    {"still_least", "10"},      {"densify_from", "0.2"},  {"perceptual_from", "0.5"},
+    {"perceptual_patch", "32"}, {"velocity_share", "1"}};
 
 TrainSettings settings_of(const std::string& ablate, const Values& values) {
   TrainSettings settings;

@@ -167,7 +167,7 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
     const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
     state.log_sigma[i] += 1.5f;
     state.set.radius[i] += 2.0f;
-    state.settle(i, f, true, {0.0f, 0.0f});
+    state.settle(i, f, true, {0.0f, 0.0f, 0.0f});
     state.derive(i, true);
     CHECK(state.set.sigma[i] == Approx(std::exp(state.log_sigma[i])));
   }
@@ -177,7 +177,7 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
 }
 
 TEST_CASE("what lives long loses speed with each step, down to rest; what lives short keeps it") {
-  const math::SettleRules rules{25.0f, 0.5f};
+  const math::SettleRules rules{25.0f, 0.5f, 0.0f};
   const math::Vec3 v{0.0f, 1.5f, -2.0f};  // 2.5 long
   const math::Vec3 brief = math::settled_velocity(v, 2.0f, 10.0f, 0.0f, rules);
   CHECK(brief.y == Approx(3.0f));
@@ -195,11 +195,12 @@ TEST_CASE("what lives long loses speed with each step, down to rest; what lives 
 }
 
 TEST_CASE("what flew by and then came to live long is at rest after a few hundred steps") {
-  const math::SettleRules rules{19.0f, 5e-4f};
+  const math::SettleRules rules{19.0f, 5e-4f, 0.0625f};
   math::Vec3 v{0.0f, 110.0f, 0.0f};  // .2 units a frame at a sigma of 23 frames
   for (int step = 0; step < 300; ++step) v = math::settled_velocity(v, 1.0f, 23.0f, 0.0f, rules);
   CHECK(v.y == 0.0f);
-  const math::Vec3 kept = math::settled_velocity({0, 110.0f, 0}, 1.0f, 23.0f, 0.0f, {19.0f, 0.0f});
+  const math::Vec3 kept =
+      math::settled_velocity({0, 110.0f, 0}, 1.0f, 23.0f, 0.0f, {19.0f, 0.0f, 0.0625f});
   CHECK(kept.y == 110.0f);
 }
 
@@ -208,7 +209,7 @@ TEST_CASE("without the modulation v is the motion, and settles by the lifespan a
   state.log_sigma = {std::log(3.0f), std::log(40.0f)};
   state.set.radius = {0.0f, 0.0f};
   state.velocity = {0.3f, 0.0f, 0.4f, 0.3f, 0.0f, 0.4f};
-  const math::SettleRules rules{50.0f, 0.25f};
+  const math::SettleRules rules{50.0f, 0.25f, 0.0f};
   for (std::size_t i = 0; i < 2; ++i) {
     state.settle(i, 7.0f, false, rules);
     state.derive(i, false);

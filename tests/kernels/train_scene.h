@@ -73,7 +73,7 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   input.drop_share = 0.1f;
   input.drop_random = encoder::Random(3, 7, encoder::RandomPurpose::kDrop);
   input.sh_degree = sh_degree;
-  input.settle = {12.0f, 3e-4f};
+  input.settle = {12.0f, 3e-4f, 0.02f};
   input.second_stage = true;
   input.gather_statistics = true;
   input.rates = {1e-4f, 5e-3f, 1e-3f, 2e-2f, 1e-4f, 1e-2f, 1e-3f, 5e-3f, 1e-2f};

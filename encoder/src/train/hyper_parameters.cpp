@@ -26,6 +26,7 @@ void for_each_parameter(Parameters& p, Visit visit) {
   visit("lr_velocity", p.lr_velocity);
   visit("lr_velocity_final", p.lr_velocity_final);
   visit("velocity_shrink", p.velocity_shrink);
+  visit("velocity_share", p.velocity_share);
   visit("still_from", p.still_from);
   visit("still_least", p.still_least);
   visit("lr_scale", p.lr_scale);
@@ -140,6 +141,7 @@ constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
                               {"growth_limit", 0, 10},
                               {"replace_limit", 0, 1},
                               {"drop_share", 0, 0.9},
+                              {"velocity_share", 0, 1},
                               {"opacity_resets", 0, 1e4},
                               // A rate falls to it by powers.
                               {"lr_position_final", 1e-15, 1e3},

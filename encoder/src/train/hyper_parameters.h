@@ -30,9 +30,11 @@ struct HyperParameters {
   double lr_position_final = 1.6e-6;
   double lr_velocity = 6.4e-3;
   double lr_velocity_final = 6.4e-5;
-  double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity
-  double still_from = 0.94;    // long: seen, at full opacity, for over this share of the clip,
-  double still_least = 28;     // and for over as many frames
+  double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity,
+                               // or where that is more
+  double velocity_share = 0.0625;  // this share of it; neither where velocity_shrink is 0
+  double still_from = 0.94;        // long: seen, at full opacity, for over this share of the clip,
+  double still_least = 28;         // and for over as many frames
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
   double lr_opacity = 5e-2;
