@@ -106,9 +106,9 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
     whole.push_back(
         segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
   }
-  const std::vector<double> shares =
-      tier_shares(encoding.tiers, mean_needed(parts, whole, encoding.chunk_ticks));
-  const std::vector<float> bounds = tier_bounds(encoding.importance, shares);
+  const std::vector<float> bounds = tier_bounds(
+      encoding.importance, needed_shares(parts, whole, encoding.chunk_ticks, encoding.set->size()),
+      encoding.tiers);
   std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : whole[p]) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <numeric>
 #include <utility>
 
 namespace stgs {
@@ -12,27 +13,88 @@ constexpr int kFewTiers = 3;
 constexpr double kRounding = 1e-3;  // primitives: sums of shares fall short of a whole one
 // Of the first tier at a moment where there are many: some 700 kB, so that over 50 Mbit/s and 40 ms
 // there is a picture after .3 s.
-constexpr double kFirstPrimitives = 5 << 13;
+constexpr double kFirstPrimitives = 9 << 12;
+
+// Of tiers that have these shares of the scene.
+std::vector<float> bounds_of_scene(std::span<const float> importance,
+                                   std::span<const double> shares) {
+  std::vector<float> sorted(importance.begin(), importance.end()), bounds;
+  double before = 0.0;
+  for (std::size_t t = 0; t + 1 < shares.size(); ++t) {
+    before += shares[t] * static_cast<double>(sorted.size());
+    const auto n =
+        std::min(static_cast<std::ptrdiff_t>(before + kRounding), std::ssize(sorted) - 1);
+    std::nth_element(sorted.begin(), sorted.begin() + n, sorted.end(), std::greater<>());
+    bounds.push_back(sorted[static_cast<std::size_t>(n)]);
+  }
+  return bounds;
+}
+
+// Of tiers that have these shares of what a moment needs.
+std::vector<float> bounds_of_moment(std::span<const float> importance,
+                                    std::span<const float> needed, std::span<const double> shares,
+                                    double moment) {
+  std::vector<std::uint32_t> order(importance.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return importance[a] != importance[b] ? importance[a] > importance[b] : a < b;
+  });
+  std::vector<float> bounds;
+  double before = 0.0, passed = 0.0;
+  std::size_t k = 0;
+  for (std::size_t t = 0; t + 1 < shares.size(); ++t) {
+    before += shares[t] * moment;
+    while (k + 1 < order.size() && passed + needed[order[k]] <= before + kRounding) {
+      passed += needed[order[k++]];
+    }
+    bounds.push_back(importance[order[k]]);
+  }
+  return bounds;
+}
+
+// Whether two tiers that follow each other stay two. A first one of little is worth its record where
+// much would come with it.
+bool are_apart(std::size_t first, std::size_t second) {
+  if (second < kLeastTier) return false;
+  return first >= kLeastTier || (first >= kLeastTier / 8 && second >= 8 * kLeastTier);
+}
+
+// Takes the eighth of most importance out of a tier.
+Tier take_first(Tier& tier, std::span<const float> importance) {
+  const auto n = static_cast<std::ptrdiff_t>(tier.members.size() / 8);
+  std::nth_element(tier.members.begin(), tier.members.begin() + n, tier.members.end(),
+                   [&](std::uint32_t a, std::uint32_t b) {
+                     return importance[a] != importance[b] ? importance[a] > importance[b] : a < b;
+                   });
+  Tier out{tier.importance, {tier.members.begin(), tier.members.begin() + n}};
+  tier.members.erase(tier.members.begin(), tier.members.begin() + n);
+  return out;
+}
+
+bool chosen_for_many(int tiers, double needed) {
+  return tiers == 0 && needed > kFewTiers * kFirstPrimitives;
+}
 
 }  // namespace
 
-double mean_needed(std::span<const PartRange> parts,
-                   std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks) {
-  double sum = 0.0, ticks = 0.0;  // sum: primitives times ticks
-  for (std::size_t p = 0; p < parts.size(); ++p) {
-    const double length = parts[p].length();
-    ticks += length;
+std::vector<float> needed_shares(std::span<const PartRange> parts,
+                                 std::span<const std::vector<SegmentMembers>> whole,
+                                 double chunk_ticks, std::size_t count) {
+  std::vector<float> out(count, 0.0f);
+  const double ticks = ticks_of(parts);
+  for (std::size_t p = 0; p < parts.size() && ticks > 0; ++p) {
     for (const SegmentMembers& segment : whole[p]) {
-      const Interval shown =
-          interval_of(segment.place.level, segment.place.slot, chunk_ticks, length);
-      sum += static_cast<double>(segment.members.size()) * (shown.end - shown.begin);
+      const Interval alive =
+          interval_of(segment.place.level, segment.place.slot, chunk_ticks, parts[p].length());
+      const auto share = static_cast<float>((alive.end - alive.begin) / ticks);
+      for (const std::uint32_t i : segment.members) out[i] = share;
     }
   }
-  return ticks > 0 ? sum / ticks : 0.0;
+  return out;
 }
 
 std::vector<double> tier_shares(int tiers, double needed) {
-  if (tiers > 0 || needed <= kFewTiers * kFirstPrimitives) {
+  if (!chosen_for_many(tiers, needed)) {
     const int count = tiers > 0 ? tiers : kFewTiers;
     return std::vector<double>(static_cast<std::size_t>(count), 1.0 / count);
   }
@@ -46,19 +108,13 @@ std::vector<double> tier_shares(int tiers, double needed) {
   return out;
 }
 
-std::vector<float> tier_bounds(std::span<const float> importance, std::span<const double> shares) {
-  std::vector<float> sorted(importance.begin(), importance.end()), bounds;
-  if (sorted.empty()) return bounds;
-  double before = 0.0;
-  for (std::size_t t = 0; t + 1 < shares.size(); ++t) {
-    before += shares[t];
-    const auto n =
-        static_cast<std::ptrdiff_t>(before * static_cast<double>(sorted.size()) + kRounding);
-    const auto at = sorted.begin() + std::min(n, std::ssize(sorted) - 1);
-    std::nth_element(sorted.begin(), at, sorted.end(), std::greater<>());
-    bounds.push_back(*at);
-  }
-  return bounds;
+std::vector<float> tier_bounds(std::span<const float> importance, std::span<const float> needed,
+                               int tiers) {
+  if (importance.empty()) return {};
+  const double moment = std::accumulate(needed.begin(), needed.end(), 0.0);
+  const std::vector<double> shares = tier_shares(tiers, moment);
+  return chosen_for_many(tiers, moment) ? bounds_of_moment(importance, needed, shares, moment)
+                                        : bounds_of_scene(importance, shares);
 }
 
 std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
@@ -72,14 +128,18 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
   std::vector<Tier> out;
   for (std::size_t t = 0; t < all.size(); ++t) {
     all[t].importance = static_cast<int>(t);
-    const bool small = all[t].members.size() < kLeastTier;
-    if (out.empty() || (!small && out.back().members.size() >= kLeastTier)) {
+    if (out.empty() || are_apart(out.back().members.size(), all[t].members.size())) {
       out.push_back(std::move(all[t]));
       continue;
     }
     Tier& last = out.back();
     if (all[t].members.size() > last.members.size()) last.importance = static_cast<int>(t);
     last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
+  }
+  // What matters little in the scene may be all of a segment.
+  if (out[0].importance > 0 && out[0].members.size() >= 8 * kLeastTier) {
+    Tier first = take_first(out[0], importance);
+    out.insert(out.begin(), std::move(first));
   }
   for (Tier& tier : out) std::sort(tier.members.begin(), tier.members.end());
   return out;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// How soon a player shows what it is sent to, on this machine's disk or over a link of a bandwidth
-// and a latency, as a JSON line. A bandwidth of 0: the disk. A seek is over when the base of the
-// sought frame is there, decoded; complete: all its layers. With memory for little more than what
-// is alive each seek fetches and decodes anew, but for what lasts; else later ones find much there.
+// How soon a player shows what it is sent to, from a path, a URL, or a path over a link of a
+// bandwidth and a latency that is played here, as a JSON line. A bandwidth of 0: no such link. A
+// seek is over when the base of the sought frame is there, decoded; complete: all its layers. With
+// memory for little more than what is alive each seek fetches and decodes anew, but for what lasts;
+// else later ones find much there.
 //
-// usage: bench_stream FILE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]
+// usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -15,6 +16,7 @@
 #include <thread>
 
 #include "stgs/player/player.h"
+#include "stgs/player/source.h"
 
 using namespace stgs;
 using namespace stgs::player;
@@ -102,20 +104,20 @@ double share(std::vector<double> values, double of) {
 int main(int argc, char** argv) {
   if (argc < 2 || argc > 6 || argc == 3) {
     std::fprintf(stderr,
-                 "usage: bench_stream FILE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]\n");
+                 "usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]\n");
     return 1;
   }
   const int seeks = argc > 4 ? std::atoi(argv[4]) : 40;
-  auto file = open_file(argv[1]);
-  check(file.status());
-  std::unique_ptr<ByteSource> source = std::move(*file);
+  const double begin = seconds();
+  auto place = open_place(argv[1]);
+  check(place.status());
+  std::unique_ptr<ByteSource> source = std::move(*place);
   if (argc > 3 && std::atof(argv[2]) > 0) {
     const double speed = std::atof(argv[2]) * 1e6 / 8, latency = std::atof(argv[3]) * 1e-3;
     source = std::make_unique<LinkedSource>(std::move(source), speed, latency);
   }
   PlayerSettings settings;
   if (argc > 5) settings.memory_budget = std::strtoull(argv[5], nullptr, 10) << 20;
-  const double begin = seconds();
   auto player = Player::over(std::move(source), settings);
   check(player.status());
   const double opened = seconds();
