@@ -52,8 +52,8 @@ std::vector<float> bounds_of_moment(std::span<const float> importance,
   return bounds;
 }
 
-// Whether two tiers that follow each other stay two. A first one of little is worth its record where
-// much would come with it.
+// Whether two tiers that follow each other stay two. A first one of little is worth its record
+// where much would come with it.
 bool are_apart(std::size_t first, std::size_t second) {
   if (second < kLeastTier) return false;
   return first >= kLeastTier || (first >= kLeastTier / 8 && second >= 8 * kLeastTier);

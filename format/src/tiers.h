@@ -14,8 +14,9 @@ namespace stgs {
 inline constexpr std::size_t kLeastTier =
     512;  // primitives: fewer would cost more in tables than they gain
 
-// For each of `count` primitives the share of all moments at which a reader needs it, as its segment
-// is alive; `whole` has the segments of each part. The sum: how many a moment needs, in the mean.
+// For each of `count` primitives the share of all moments at which a reader needs it, as its
+// segment is alive; `whole` has the segments of each part. The sum: how many a moment needs, in the
+// mean.
 std::vector<float> needed_shares(std::span<const PartRange> parts,
                                  std::span<const std::vector<SegmentMembers>> whole,
                                  double chunk_ticks, std::size_t count);
