@@ -91,6 +91,11 @@ class Usage(CliTest):
     def test_a_window_that_is_not_built_says_so(self):
         self.fails(6, "'play' is not part of this build", "play", self.fixture("tiny.stgs"))
 
+    @unittest.skipIf(not built_in("play"), "play is not built in")
+    def test_a_wrong_path_is_told_where_no_window_can_be(self):
+        self.fails(2, "nothere.stgs", "play", "nothere.stgs")
+        self.fails(USAGE, "only URLs that begin with http", "play", "ftp://here/a.stgs")
+
     @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
     def test_what_is_not_built_in_says_so(self):
         self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",

@@ -17,6 +17,7 @@
 #include "play/screen.h"
 #include "play/window.h"
 #include "printable.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -66,6 +67,8 @@ class Show {
   }
 
   Status open() {
+    // A wrong path is told before the window, or that there is no display for one.
+    if (!player::is_url(file())) STGS_TRY(player::open_place(file()).status());
     STGS_ASSIGN(window_, Window::make("stgs play " + file(), first_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
