@@ -106,14 +106,14 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
     whole.push_back(
         segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
   }
-  const std::vector<float> bounds = tier_bounds(
-      encoding.importance, needed_shares(parts, whole, encoding.chunk_ticks, encoding.set->size()),
-      encoding.tiers);
+  const TierPlan plan = plan_tiers(
+      encoding.importance,
+      needed_at_moments(parts, whole, encoding.chunk_ticks, encoding.set->size()), encoding.tiers);
   std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : whole[p]) {
       int tier = 0;
-      for (Tier& members : tiers_of(segment.members, encoding.importance, bounds)) {
+      for (Tier& members : tiers_of(segment.members, encoding.importance, plan)) {
         for (Piece& piece :
              pieces_of(segment.place, std::move(members), encoding, parts[p].interval)) {
           SegmentEntry entry;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -30,20 +31,21 @@ std::vector<float> bounds_of_scene(std::span<const float> importance,
   return bounds;
 }
 
-// Of tiers that have these shares of what a moment needs.
-std::vector<float> bounds_of_moment(std::span<const float> importance,
-                                    std::span<const float> needed, std::span<const double> shares,
-                                    double moment) {
+// Of tiers that have these shares of what moments need, in the mean.
+std::vector<float> bounds_of_moments(std::span<const float> importance,
+                                     std::span<const float> needed,
+                                     std::span<const double> shares) {
   std::vector<std::uint32_t> order(importance.size());
   std::iota(order.begin(), order.end(), 0u);
   std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return importance[a] != importance[b] ? importance[a] > importance[b] : a < b;
   });
+  const double all = std::accumulate(needed.begin(), needed.end(), 0.0);
   std::vector<float> bounds;
   double before = 0.0, passed = 0.0;
   std::size_t k = 0;
   for (std::size_t t = 0; t + 1 < shares.size(); ++t) {
-    before += shares[t] * moment;
+    before += shares[t] * all;
     while (k + 1 < order.size() && passed + needed[order[k]] <= before + kRounding) {
       passed += needed[order[k++]];
     }
@@ -54,9 +56,9 @@ std::vector<float> bounds_of_moment(std::span<const float> importance,
 
 // Whether two tiers that follow each other stay two. A first one of little is worth its record
 // where much would come with it.
-bool are_apart(std::size_t first, std::size_t second) {
+bool are_apart(std::size_t first, std::size_t second, bool graded) {
   if (second < kLeastTier) return false;
-  return first >= kLeastTier || (first >= kLeastTier / 8 && second >= 8 * kLeastTier);
+  return first >= kLeastTier || (graded && first >= kLeastTier / 8 && second >= 8 * kLeastTier);
 }
 
 // Takes the eighth of most importance out of a tier.
@@ -71,36 +73,42 @@ Tier take_first(Tier& tier, std::span<const float> importance) {
   return out;
 }
 
-bool chosen_for_many(int tiers, double needed) {
-  return tiers == 0 && needed > kFewTiers * kFirstPrimitives;
+bool is_graded(int tiers, double many) {
+  return tiers == 0 && many > kFewTiers * kFirstPrimitives;
 }
 
 }  // namespace
 
-std::vector<float> needed_shares(std::span<const PartRange> parts,
-                                 std::span<const std::vector<SegmentMembers>> whole,
-                                 double chunk_ticks, std::size_t count) {
-  std::vector<float> out(count, 0.0f);
+Needed needed_at_moments(std::span<const PartRange> parts,
+                         std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
+                         std::size_t count) {
+  Needed out{std::vector<float>(count, 0.0f)};
+  std::map<double, double> changes;  // primitives that come, less those that go, by moment
   const double ticks = ticks_of(parts);
   for (std::size_t p = 0; p < parts.size() && ticks > 0; ++p) {
     for (const SegmentMembers& segment : whole[p]) {
       const Interval alive =
           interval_of(segment.place.level, segment.place.slot, chunk_ticks, parts[p].length());
       const auto share = static_cast<float>((alive.end - alive.begin) / ticks);
-      for (const std::uint32_t i : segment.members) out[i] = share;
+      for (const std::uint32_t i : segment.members) out.shares[i] = share;
+      const auto members = static_cast<double>(segment.members.size());
+      changes[parts[p].interval.begin + alive.begin] += members;
+      changes[parts[p].interval.begin + alive.end] -= members;
     }
   }
+  double now = 0;
+  for (const auto& [moment, change] : changes) out.most = std::max(out.most, now += change);
   return out;
 }
 
-std::vector<double> tier_shares(int tiers, double needed) {
-  if (!chosen_for_many(tiers, needed)) {
+std::vector<double> tier_shares(int tiers, double many) {
+  if (!is_graded(tiers, many)) {
     const int count = tiers > 0 ? tiers : kFewTiers;
     return std::vector<double>(static_cast<std::size_t>(count), 1.0 / count);
   }
   std::vector<double> out;
   double left = 1.0;
-  for (double share = kFirstPrimitives / needed; left > 2 * share; share *= 2) {
+  for (double share = kFirstPrimitives / many; left > 2 * share; share *= 2) {
     out.push_back(share);
     left -= share;
   }
@@ -108,17 +116,16 @@ std::vector<double> tier_shares(int tiers, double needed) {
   return out;
 }
 
-std::vector<float> tier_bounds(std::span<const float> importance, std::span<const float> needed,
-                               int tiers) {
+TierPlan plan_tiers(std::span<const float> importance, const Needed& needed, int tiers) {
   if (importance.empty()) return {};
-  const double moment = std::accumulate(needed.begin(), needed.end(), 0.0);
-  const std::vector<double> shares = tier_shares(tiers, moment);
-  return chosen_for_many(tiers, moment) ? bounds_of_moment(importance, needed, shares, moment)
-                                        : bounds_of_scene(importance, shares);
+  const std::vector<double> shares = tier_shares(tiers, needed.most);
+  if (!is_graded(tiers, needed.most)) return {bounds_of_scene(importance, shares), false};
+  return {bounds_of_moments(importance, needed.shares, shares), true};
 }
 
 std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
-                           std::span<const float> importance, std::span<const float> bounds) {
+                           std::span<const float> importance, const TierPlan& plan) {
+  const std::vector<float>& bounds = plan.bounds;
   std::vector<Tier> all(bounds.size() + 1);
   for (const std::uint32_t i : members) {
     std::size_t t = 0;
@@ -128,7 +135,7 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
   std::vector<Tier> out;
   for (std::size_t t = 0; t < all.size(); ++t) {
     all[t].importance = static_cast<int>(t);
-    if (out.empty() || are_apart(out.back().members.size(), all[t].members.size())) {
+    if (out.empty() || are_apart(out.back().members.size(), all[t].members.size(), plan.graded)) {
       out.push_back(std::move(all[t]));
       continue;
     }
@@ -137,7 +144,7 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
     last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
   }
   // What matters little in the scene may be all of a segment.
-  if (out[0].importance > 0 && out[0].members.size() >= 8 * kLeastTier) {
+  if (plan.graded && out[0].importance > 0 && out[0].members.size() >= 8 * kLeastTier) {
     Tier first = take_first(out[0], importance);
     out.insert(out.begin(), std::move(first));
   }

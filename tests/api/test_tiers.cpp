@@ -49,47 +49,105 @@ TEST_CASE("where a moment has many, the first tier is as small as ever and the o
   }
 }
 
-TEST_CASE("a tier holds what matters more than all of the next, and none is small") {
-  std::vector<float> importance(30000);
-  for (std::size_t i = 0; i < importance.size(); ++i) {
-    importance[i] = static_cast<float>(i * 7919 % importance.size());
-  }
-  const std::vector<float> needed(importance.size(), 1.0f);
-  CHECK(tier_bounds(importance, needed, 3) == tier_bounds(importance, needed, 0));
-  const std::vector<float> bounds{26999.0f, 26700.0f, 17700.0f};
-  std::vector<std::uint32_t> all(importance.size());
-  std::iota(all.begin(), all.end(), 0u);
-  const std::vector<Tier> tiers = tiers_of(all, importance, bounds);
-  REQUIRE(tiers.size() == 3);  // the second, of 299, goes with the first
-  CHECK(tiers[0].members.size() == 3300);
-  CHECK(tiers[1].members.size() == 9000);
+namespace {
+
+// Importances of so many primitives, in no order, each another.
+std::vector<float> importances(std::size_t n) {
+  std::vector<float> out(n);
+  for (std::size_t i = 0; i < n; ++i) out[i] = static_cast<float>(i * 7919 % n);
+  return out;
+}
+
+std::vector<std::uint32_t> all_of(std::size_t n) {
+  std::vector<std::uint32_t> out(n);
+  std::iota(out.begin(), out.end(), 0u);
+  return out;
+}
+
+std::vector<std::size_t> sizes_of(const std::vector<Tier>& tiers) {
+  std::vector<std::size_t> out;
+  for (const Tier& tier : tiers) out.push_back(tier.members.size());
+  return out;
+}
+
+void check_order(const std::vector<Tier>& tiers, const std::vector<float>& importance) {
+  const auto less = [&](std::uint32_t a, std::uint32_t b) { return importance[a] < importance[b]; };
   for (std::size_t t = 0; t + 1 < tiers.size(); ++t) {
-    const auto less = [&](std::uint32_t a, std::uint32_t b) {
-      return importance[a] < importance[b];
-    };
     const auto& here = tiers[t].members;
     const auto& next = tiers[t + 1].members;
     CHECK(importance[*std::min_element(here.begin(), here.end(), less)] >
           importance[*std::max_element(next.begin(), next.end(), less)]);
-    CHECK(std::is_sorted(here.begin(), here.end()));
   }
+  for (const Tier& tier : tiers) CHECK(std::is_sorted(tier.members.begin(), tier.members.end()));
+}
+
+}  // namespace
+
+TEST_CASE("a tier holds what matters more than all of the next, and none is small") {
+  const std::vector<float> importance = importances(30000);
+  const std::vector<std::uint32_t> all = all_of(importance.size());
+  for (const bool graded : {false, true}) {
+    const std::vector<Tier> tiers =
+        tiers_of(all, importance, {{26999.0f, 26700.0f, 17700.0f}, graded});
+    CHECK(sizes_of(tiers) == std::vector<std::size_t>{3300, 9000, 17700});  // 299 join the first
+    check_order(tiers, importance);
+  }
+  // A small first one takes what follows with it, but for much of a graded plan.
+  const std::vector<float> bounds{29800.0f, 20000.0f};
+  CHECK(sizes_of(tiers_of(all, importance, {bounds, false})) ==
+        std::vector<std::size_t>{10000, 20000});
+  const std::vector<Tier> graded = tiers_of(all, importance, {bounds, true});
+  CHECK(sizes_of(graded) == std::vector<std::size_t>{200, 9800, 20000});
+  check_order(graded, importance);
+}
+
+TEST_CASE("many that matter little in the scene begin with their eighth where moments are full") {
+  const std::vector<float> importance = importances(16000);
+  const std::vector<std::uint32_t> all = all_of(importance.size());
+  const std::vector<float> bounds{90000.0f, 80000.0f};
+  const std::vector<Tier> tiers = tiers_of(all, importance, {bounds, true});
+  CHECK(sizes_of(tiers) == std::vector<std::size_t>{2000, 14000});
+  CHECK(tiers[0].importance == 2);
+  CHECK(tiers[1].importance == 2);
+  check_order(tiers, importance);
+  CHECK(sizes_of(tiers_of(all, importance, {bounds, false})) == std::vector<std::size_t>{16000});
+  // Those of the first tier are as many as they are, and few are not parted.
+  CHECK(tiers_of(all, importance, {{0.0f, 0.0f}, true}).size() == 1);
+  CHECK(tiers_of(all_of(4000), importance, {bounds, true}).size() == 1);
 }
 
 TEST_CASE("of many a tier is as large at a moment as it is to be, whatever lives longest") {
   // What matters most lives through the clip, the rest for a tenth of it.
   constexpr std::size_t kLong = 200000, kBrief = 1000000;
-  std::vector<float> importance(kLong + kBrief), needed(kLong + kBrief, 0.1f);
+  std::vector<float> importance(kLong + kBrief);
   std::iota(importance.rbegin(), importance.rend(), 0.0f);
-  std::fill_n(needed.begin(), kLong, 1.0f);
-  const std::vector<float> bounds = tier_bounds(importance, needed, 0);
-  REQUIRE(bounds.size() == 2);  // 36,864, 73,728 and the other 189,408 of the 300,000 of a moment
-  for (std::size_t t = 0; t < bounds.size(); ++t) {
+  Needed needed{std::vector<float>(kLong + kBrief, 0.1f), 300000};
+  std::fill_n(needed.shares.begin(), kLong, 1.0f);
+  const TierPlan plan = plan_tiers(importance, needed, 0);
+  CHECK(plan.graded);
+  REQUIRE(plan.bounds.size() == 2);  // 36,864, 73,728 and the other 189,408 of a moment
+  for (std::size_t t = 0; t < plan.bounds.size(); ++t) {
     double first = 0;
     for (std::size_t i = 0; i < importance.size(); ++i) {
-      if (importance[i] >= bounds[t]) first += needed[i];
+      if (importance[i] >= plan.bounds[t]) first += needed.shares[i];
     }
     CHECK(first == Approx(t == 0 ? 36864 : 110592).margin(2));
   }
+  CHECK_FALSE(plan_tiers(importance, needed, 3).graded);
+  CHECK(plan_tiers(importance, needed, 3).bounds == plan_tiers(importance, {{}, 90000}, 0).bounds);
+}
+
+TEST_CASE("what moments need is told by the segments that are alive, and the fullest counts") {
+  // Two parts of 100 and 50 ticks, chunks of 10: a persistent segment, two chunks, and another
+  // part.
+  const std::vector<PartRange> parts{{0, 30, {0, 100}}, {30, 40, {100, 150}}};
+  const std::vector<std::vector<SegmentMembers>> whole{
+      {{{-1, 0}, {0, 1, 2}}, {{0, 0}, {3, 4}}, {{0, 2}, {5, 6, 7, 8}}}, {{{-1, 0}, {9}}}};
+  const Needed needed = needed_at_moments(parts, whole, 10, 10);
+  CHECK(needed.most == 7);  // not 9: one ends where the other begins
+  CHECK(needed.shares[0] == Approx(100.0 / 150));
+  CHECK(needed.shares[5] == Approx(10.0 / 150));
+  CHECK(needed.shares[9] == Approx(50.0 / 150));
 }
 
 TEST_CASE("a file begins small where all is seen at once, and in thirds where it comes in turn") {

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""bench_stream of a file that nginx serves, over a link of a bandwidth and a latency.
+"""A program that opens a file as nginx serves it, over a link of a bandwidth and a latency.
 
-usage: stream_over_http.py BENCH_STREAM FILE MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]
+usage: stream_over_http.py FILE MBIT_A_SECOND LATENCY_MS PROGRAM [ARGUMENT...]
 
-The link is a proxy of this machine: an answer's bytes share the bandwidth over all connections and
+An argument URL becomes the file's: stream_over_http.py t.stgs 50 40 bench_stream URL. The link is a proxy of this machine: an answer's bytes share the bandwidth over all connections and
 come by half the latency later, requests as well, and a new connection carries nothing for the
 latency, as its handshake takes. A congestion window that must grow first is not played.
 """
@@ -52,6 +52,9 @@ def carry(source, sink, latency, bandwidth):
                     return
                 sink.sendall(data)
             except OSError:
+                source.close()  # what comes now is for nobody
+                while on_their_way.get()[1]:
+                    pass
                 return
 
     threading.Thread(target=deliver, daemon=True).start()
@@ -83,9 +86,9 @@ def serve(listener, port, latency, bandwidth):
 
 
 def main():
-    if not 5 <= len(sys.argv) <= 7:
+    if len(sys.argv) < 5:
         sys.exit(__doc__)
-    program, file, mbit, latency = sys.argv[1:5]
+    file, mbit, latency, *command = sys.argv[1:]
     bandwidth = Bandwidth(float(mbit) * 1e6 / 8)
     with tempfile.TemporaryDirectory() as folder:
         os.symlink(os.path.abspath(file), folder + "/scene.stgs")
@@ -93,7 +96,8 @@ def main():
             threading.Thread(target=serve, daemon=True,
                              args=(listener, nginx.port, float(latency) * 1e-3, bandwidth)).start()
             url = f"http://127.0.0.1:{listener.getsockname()[1]}/scene.stgs"
-            sys.exit(subprocess.run([program, url, "0", "0", *sys.argv[5:]], check=False).returncode)
+            command = [url if argument == "URL" else argument for argument in command]
+            sys.exit(subprocess.run(command, check=False).returncode)
 
 
 if __name__ == "__main__":
