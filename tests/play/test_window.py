@@ -184,6 +184,54 @@ class WindowTest(unittest.TestCase):
             time.sleep(0.05)
         self.fail(f"no {name}")
 
+    def after(self, *steps, time_of=1.5):
+        """What is told of a scene that began paused, after calls of xdotool and pauses of so many
+        seconds."""
+        process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused", "--time",
+                             str(time_of))
+        self.window_of("random scene")
+        self.xdotool("key", "p")
+        self.wait_for("stgs-001.png")  # the scene is there
+        for step in steps:
+            if isinstance(step, float):
+                time.sleep(step)
+            else:
+                self.xdotool(*step.split())
+        self.xdotool("key", "Escape")
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        os.remove(self.path("stgs-001.png"))
+        return json.loads(out)
+
+    def test_keys_seek(self):
+        frame = 1 / 30
+        self.assertAlmostEqual(self.after("key Left Left")["seconds"], 1.5 - 2 * frame, places=5)
+        self.assertAlmostEqual(self.after("key shift+Right")["seconds"], 2.5, places=5)
+        self.assertEqual(self.after("key Home")["seconds"], 0)
+        self.assertAlmostEqual(self.after("key End")["seconds"], 3, delta=frame)
+
+    def test_keys_pause_and_set_the_speed_up_to_an_end_of_the_scene(self):
+        self.assertEqual(self.after("key Up")["seconds"], 1.5)  # paused still
+        self.assertGreater(self.after("key space", 1.5)["seconds"], 1.5)
+        faster = ["key Up"] * 8 + ["key space", 2.5]
+        self.assertAlmostEqual(self.after(*faster)["seconds"], 3, delta=1 / 30)
+        backwards = ["key Down"] * 8 + ["key space", 2.5]
+        self.assertEqual(self.after(*backwards)["seconds"], 0)
+        self.assertLess(self.after("key l", "key space", 1.5, time_of=2.9)["seconds"], 2.9)
+
+    def test_the_mouse_seeks_in_the_timeline(self):
+        begin = f"mousemove {round(0.75 * WIDTH)} {HEIGHT - 41}"  # windows are at 0, 0
+        seconds = self.after(begin, 0.5, "mousedown 1", 1.0, "mouseup 1", 0.5)["seconds"]
+        self.assertAlmostEqual(seconds, 0.75 * 3, delta=0.1)
+
+    def test_keys_and_the_wheel_move_the_camera_and_one_brings_it_back(self):
+        start = self.after()["camera"]
+        for moves in (["keydown w", 1.0, "keyup w"], ["click 4", 0.5], ["keydown d", 1.0, "keyup d"]):
+            camera = self.after(*moves)["camera"]
+            self.assertEqual(camera["rotation"], start["rotation"], moves)
+            self.assertNotEqual(camera["translation"], start["translation"], moves)
+            self.assertEqual(self.after(*moves, 0.5, "key r", 0.5)["camera"], start, moves)
+
     def test_a_window_takes_other_sizes(self):
         process = self.start("scene.stgs", "--paused", "--no-overlay", "--log-level", "debug")
         window = self.window_of("random scene")
