@@ -61,9 +61,18 @@ bool are_apart(std::size_t first, std::size_t second, bool graded) {
   return first >= kLeastTier || (graded && first >= kLeastTier / 8 && second >= 8 * kLeastTier);
 }
 
-// Takes the eighth of most importance out of a tier.
-Tier take_first(Tier& tier, std::span<const float> importance) {
-  const auto n = static_cast<std::ptrdiff_t>(tier.members.size() / 8);
+// How many a segment is to begin with, in place of all of its first tier; 0: with all of it. What
+// matters little in the scene may be all of a segment, and many may matter alike.
+std::size_t fewer_of(const Tier& first) {
+  const std::size_t n = first.members.size();
+  constexpr auto kMany = static_cast<std::size_t>(kFirstPrimitives);
+  if (n > 2 * kMany) return kMany;
+  return first.importance > 0 && n >= 8 * kLeastTier ? n / 8 : 0;
+}
+
+// Takes so many of most importance out of a tier.
+Tier take_first(Tier& tier, std::size_t count, std::span<const float> importance) {
+  const auto n = static_cast<std::ptrdiff_t>(count);
   std::nth_element(tier.members.begin(), tier.members.begin() + n, tier.members.end(),
                    [&](std::uint32_t a, std::uint32_t b) {
                      return importance[a] != importance[b] ? importance[a] > importance[b] : a < b;
@@ -143,9 +152,8 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
     if (all[t].members.size() > last.members.size()) last.importance = static_cast<int>(t);
     last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
   }
-  // What matters little in the scene may be all of a segment.
-  if (plan.graded && out[0].importance > 0 && out[0].members.size() >= 8 * kLeastTier) {
-    Tier first = take_first(out[0], importance);
+  if (const std::size_t fewer = plan.graded ? fewer_of(out[0]) : 0; fewer > 0) {
+    Tier first = take_first(out[0], fewer, importance);
     out.insert(out.begin(), std::move(first));
   }
   for (Tier& tier : out) std::sort(tier.members.begin(), tier.members.end());

@@ -43,8 +43,9 @@ struct Tier {
 };
 
 // The members by tier, those of most importance first; a tier that would be small goes with the one
-// before or after it. Where the plan is graded a small first tier does not take much with it, and
-// many that are all of later tiers of the scene begin with their eighth.
+// before or after it. Where the plan is graded a small first tier does not take much with it, many
+// that are all of later tiers of the scene begin with an eighth of them, and no segment begins with
+// many more than a moment should.
 std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
                            std::span<const float> importance, const TierPlan& plan);
 

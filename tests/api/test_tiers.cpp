@@ -116,6 +116,28 @@ TEST_CASE("many that matter little in the scene begin with their eighth where mo
   CHECK(tiers_of(all_of(4000), importance, {bounds, true}).size() == 1);
 }
 
+TEST_CASE("many that matter alike do not all come first where moments are full") {
+  const std::vector<float> alike(200000, 1.0f);
+  const std::vector<std::uint32_t> all = all_of(alike.size());
+  const TierPlan plan = plan_tiers(alike, {std::vector<float>(alike.size(), 1.0f), 200000}, 0);
+  REQUIRE(plan.graded);
+  CHECK(sizes_of(tiers_of(all, alike, plan)) == std::vector<std::size_t>{36864, 163136});
+}
+
+TEST_CASE("the fullest moment makes the first tier small, what is longest there counts most") {
+  // 60,000 all the time and 400,000 more for a hundredth of it.
+  std::vector<float> importance(460000);
+  std::iota(importance.rbegin(), importance.rend(), 0.0f);
+  Needed needed{std::vector<float>(importance.size(), 0.01f), 460000};
+  std::fill_n(needed.shares.begin(), 60000, 1.0f);
+  const TierPlan plan = plan_tiers(importance, needed, 0);
+  CHECK(plan.graded);
+  CHECK(plan.bounds.size() == 3);  // 36,864 of 460,000, then twice and four times as many
+  needed.most = 64000;             // what the moments need in the mean
+  CHECK_FALSE(plan_tiers(importance, needed, 0).graded);
+  CHECK(plan.bounds[0] == Approx(460000 - 64000.0 * 36864 / 460000).margin(2));
+}
+
 TEST_CASE("of many a tier is as large at a moment as it is to be, whatever lives longest") {
   // What matters most lives through the clip, the rest for a tenth of it.
   constexpr std::size_t kLong = 200000, kBrief = 1000000;

@@ -38,7 +38,7 @@ void PackOptions::declare(CLI::App& app) {
       ->group(group);
   app.add_option(
          "--tiers", tiers_,
-         "Parts of a segment by importance, of like size: a player may begin with the first "
+         "Parts of the scene by importance, of like size: a player may begin with the first "
          "alone. 3 where it is not given, or a small one and ever larger ones where a moment "
          "has many primitives")
       ->check(number_between(1, 16))

@@ -204,7 +204,7 @@ enum {
 typedef struct stgs_pack_settings {
   size_t struct_size;
   stgs_profile profile; /* default STGS_PROFILE_QUANTISED */
-  int32_t tiers;        /* parts of a segment by importance, of like size, 1 to 16; 0 (default):
+  int32_t tiers;        /* parts of the scene by importance, of like size, 1 to 16; 0 (default):
                          * three, or a small one and ever larger ones where a moment has many */
   double quality;       /* 0 to 100; default 87; not looked at where there is a target_kbps */
   double target_kbps; /* mean bit rate not to be passed, kbit/s, 0.001 to 10^9; 0 (default): none */
