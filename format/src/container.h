@@ -267,6 +267,8 @@ void check_window(SceneMetadata& metadata, Findings& findings);
 Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
 // The moments of the timeline at which a segment is shown; begin >= end: none.
 Interval shown_of(const FileHead& head, const SegmentEntry& segment);
+// The same of what is alive in a part, from its beginning on, where the part and its cut are known.
+Interval shown_of(const Interval& alive, const Interval& part, const std::optional<TickRange>& cut);
 // The fields of a header whose magic and checksum are right.
 std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes);
 // Whether records fill a head to its end and have right checksums; reports the first that is not

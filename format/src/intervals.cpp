@@ -36,10 +36,14 @@ Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_
 
 Interval shown_of(const FileHead& head, const SegmentEntry& segment) {
   const PartEntry& part = head.parts[segment.part];
-  const Interval interval = interval_of(head, segment.base, segment.part);
-  const TickRange shown = part.cut.value_or(TickRange{part.begin, part.end});
-  return {std::max({0.0, part.begin + interval.begin, shown.begin}),
-          std::min(part.begin + interval.end, shown.end)};
+  return shown_of(interval_of(head, segment.base, segment.part), {part.begin, part.end}, part.cut);
+}
+
+Interval shown_of(const Interval& alive, const Interval& part,
+                  const std::optional<TickRange>& cut) {
+  const TickRange shown = cut.value_or(TickRange{part.begin, part.end});
+  return {std::max({0.0, part.begin + alive.begin, shown.begin}),
+          std::min(part.begin + alive.end, shown.end)};
 }
 
 }  // namespace stgs

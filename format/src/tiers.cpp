@@ -94,15 +94,17 @@ Needed needed_at_moments(std::span<const PartRange> parts,
   Needed out{std::vector<float>(count, 0.0f)};
   std::map<double, double> changes;  // primitives that come, less those that go, by moment
   const double ticks = ticks_of(parts);
-  for (std::size_t p = 0; p < parts.size() && ticks > 0; ++p) {
+  for (std::size_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : whole[p]) {
-      const Interval alive =
-          interval_of(segment.place.level, segment.place.slot, chunk_ticks, parts[p].length());
-      const auto share = static_cast<float>((alive.end - alive.begin) / ticks);
+      const Interval shown = shown_of(
+          interval_of(segment.place.level, segment.place.slot, chunk_ticks, parts[p].length()),
+          parts[p].interval, parts[p].cut);
+      if (!(shown.begin < shown.end)) continue;
+      const auto share = static_cast<float>((shown.end - shown.begin) / ticks);
       for (const std::uint32_t i : segment.members) out.shares[i] = share;
       const auto members = static_cast<double>(segment.members.size());
-      changes[parts[p].interval.begin + alive.begin] += members;
-      changes[parts[p].interval.begin + alive.end] -= members;
+      changes[shown.begin] += members;
+      changes[shown.end] -= members;
     }
   }
   double now = 0;

@@ -172,6 +172,19 @@ TEST_CASE("what moments need is told by the segments that are alive, and the ful
   CHECK(needed.shares[9] == Approx(50.0 / 150));
 }
 
+TEST_CASE("what a cut leaves out, and what is before the timeline, nobody needs") {
+  const std::vector<PartRange> parts{{0, 3, {0, 30}, TickRange{0, 25}},
+                                     {3, 8, {20, 50}, TickRange{25, 50}},
+                                     {8, 12, {-20, 0}, {}}};
+  const std::vector<std::vector<SegmentMembers>> whole{
+      {{{-1, 0}, {0, 1, 2}}}, {{{-1, 0}, {3, 4, 5, 6, 7}}}, {{{-1, 0}, {8, 9, 10, 11}}}};
+  const Needed needed = needed_at_moments(parts, whole, 10, 12);
+  CHECK(needed.most == 5);
+  CHECK(needed.shares[0] == Approx(25.0 / 80));
+  CHECK(needed.shares[3] == Approx(25.0 / 80));
+  CHECK(needed.shares[8] == 0.0f);
+}
+
 TEST_CASE("a file begins small where all is seen at once, and in thirds where it comes in turn") {
   Scene scene = testing::random_scene(150000, 0, 60, 5);
   Gaussians4D& set = scene.gaussians;
