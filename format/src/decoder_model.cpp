@@ -50,17 +50,20 @@ class Held {
   void add(std::uint32_t s) {
     ranges_ += 1 - held_[s] - held_[s + 2];
     held_[s + 1] = 1;
+    ++count_;
     primitives_ += segments_[s].primitives;
     bytes_ += bytes_of(segments_[s]);
   }
   void remove(std::uint32_t s) {
     ranges_ -= 1 - held_[s] - held_[s + 2];
     held_[s + 1] = 0;
+    --count_;
     primitives_ -= segments_[s].primitives;
     bytes_ -= bytes_of(segments_[s]);
   }
   void note(DecoderNeeds& needs) const {
     needs.primitives = std::max(needs.primitives, primitives_);
+    needs.segments = std::max(needs.segments, count_);
     needs.bytes = std::max(needs.bytes, bytes_);
     needs.ranges = std::max(needs.ranges, static_cast<std::uint64_t>(ranges_));
   }
@@ -68,7 +71,7 @@ class Held {
  private:
   const std::vector<SegmentInfo>& segments_;
   std::vector<std::uint8_t> held_;  // of segment s at s + 1
-  std::uint64_t primitives_ = 0, bytes_ = 0;
+  std::uint64_t primitives_ = 0, count_ = 0, bytes_ = 0;
   std::int64_t ranges_ = 0;
 };
 

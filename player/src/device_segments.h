@@ -2,6 +2,8 @@
 // Which segments a backend's device holds: what a moment needs, within the timeline's budget.
 #pragma once
 
+#include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -12,7 +14,9 @@
 
 namespace stgs::player {
 
-// One thread. A backend says how a segment comes to its device and leaves it.
+// One thread. A backend says how a segment comes to its device and leaves it. What a timeline holds
+// decoded comes in pieces: while somebody plays, one that is large comes with several pictures, and
+// until it is all there what there was of the segment is drawn.
 class DeviceSegments {
  public:
   virtual ~DeviceSegments() = default;
@@ -22,17 +26,32 @@ class DeviceSegments {
   // Errors: those of Timeline::at, and of the device.
   Result<std::vector<Timeline::Needed>> hold(Timeline& timeline, double seconds);
   std::uint64_t stored_primitives() const { return primitives_; }
+  // At the moments of the timeline that have most of them, as far as its budget has room: what
+  // makes room for so many at once need not grow while it plays.
+  struct Fullest {
+    std::uint64_t primitives = 0, segments = 0;
+  };
+  const Fullest& fullest() const { return fullest_; }
 
  protected:
   int sh_degree() const { return sh_degree_; }
-  // From now on the device holds a segment, in so many bytes.
+  // Primitives of a piece that is sent, at most.
+  static constexpr std::size_t kPiece = std::size_t{1} << 16;
+  // From now on the device holds a segment, in so many bytes, in place of what it held of it.
   void keep(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes);
   // A segment that the device cannot decode, by the processor, as the timeline deals with damage.
   Status decode_here(Timeline& timeline, std::uint32_t segment);
+  // Sends one that is decoded, all of it.
+  Status send_all(std::uint32_t segment, const Gaussians4D& set);
   // Lets go of all. A backend calls it before its memory goes.
   void clear();
 
  private:
+  using Clock = std::chrono::steady_clock;
+  struct Arriving {
+    std::weak_ptr<const Gaussians4D> set;
+    std::size_t sent = 0;  // of its primitives
+  };
   struct Held {
     std::uint64_t bytes = 0, primitives = 0;
     std::uint64_t used = 0;                // number of the call that needed it last
@@ -42,25 +61,40 @@ class DeviceSegments {
 
   // Another timeline follows; nothing is held.
   virtual Status begin(const SceneReader& reader) = 0;
+  // Makes room for segments of so many bytes, where the device has it, while it holds none.
+  virtual void reserve(std::uint64_t bytes) = 0;
   // That a segment takes once it is held.
   virtual std::uint64_t bytes_of(std::uint64_t primitives) const = 0;
   // Decodes, and calls keep() for each that is sound and decode_here() for the others.
   virtual Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) = 0;
-  // Sends one that is decoded, and calls keep().
-  virtual Status send(std::uint32_t segment, const Gaussians4D& set) = 0;
+  // Sends kPiece primitives of a set from `first` on, or the rest of it; all before have been sent,
+  // and with 0 it begins anew. With the last it waits for them, puts them in place of what it has
+  // of the segment, and calls keep().
+  virtual Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) = 0;
+  // Gives back what was sent of a set that will not come to its end.
+  virtual void abandon(std::uint32_t segment) = 0;
   // Gives back what a segment has.
   virtual void release(std::uint32_t segment) = 0;
 
   Status change_to(const Timeline& timeline);
-  // Whether it is held as it is needed; where it has changed it is dropped.
+  void find_fullest(const Timeline& timeline);
+  // Whether it is held as it is needed; where it has changed it is the first to be dropped.
   bool has(const Timeline::Needed& needed);
   void drop(Segments::iterator segment);
+  // All that arrives but what is needed.
+  void abandon_others(std::span<const Timeline::Needed> needed);
+  Status send_decoded(const Timeline& timeline, std::span<const Timeline::Needed* const> decoded);
+  // One piece; whether there are more.
+  Result<bool> send_piece(const Timeline::Needed& needed);
   Status make_present(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
   Status decode_all(Timeline& timeline, std::span<const std::uint32_t> segments);
 
   std::weak_ptr<const void> timeline_;
   int sh_degree_ = 0;
+  Fullest fullest_;
+  std::size_t known_ = 0;  // segments of the timeline that fullest_ is of
   Segments held_;
+  std::map<std::uint32_t, Arriving> arriving_;
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
 };
 

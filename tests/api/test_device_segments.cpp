@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a backend's device is asked to hold, with a device that only counts.
+#include <algorithm>
 #include <catch2/catch.hpp>
+#include <chrono>
+#include <map>
 #include <set>
+#include <thread>
 
 #include "device_segments.h"
 #include "scene_fixture.h"
@@ -11,8 +15,8 @@ namespace {
 
 constexpr std::uint64_t kEach = 100;  // bytes of a primitive on the device
 
-std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBudget) {
-  WriteSettings settings;
+std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBudget,
+                                        WriteSettings settings = {}) {
   settings.chunk_seconds = 0.2;
   auto bytes = encode_scene(testing::random_scene(2000, 1, 90, 5), settings);
   REQUIRE(bytes.ok());
@@ -21,9 +25,9 @@ std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBud
   return Timeline::over(std::move(*reader), "the scene", budget);
 }
 
-// A stream of which more comes between two questions: the first call lacks the last segment.
-class Coming final : public Timeline {
+class OverTimeline : public Timeline {
  public:
+  explicit OverTimeline(std::unique_ptr<Timeline> under) : under_(std::move(under)) {}
   const std::string& name() const override { return under_->name(); }
   const SceneMetadata& metadata() const override { return under_->metadata(); }
   double duration_seconds() const override { return under_->duration_seconds(); }
@@ -32,9 +36,7 @@ class Coming final : public Timeline {
   const std::vector<Loss>& losses() const override { return under_->losses(); }
   Result<Active> at(double seconds) override { return under_->at(seconds); }
   Result<std::vector<Needed>> needed_at(double seconds) override {
-    STGS_ASSIGN(std::vector<Needed> needed, under_->needed_at(seconds));
-    if (calls_++ == 0) needed.pop_back();
-    return needed;
+    return under_->needed_at(seconds);
   }
   const SceneReader& reader() const override { return under_->reader(); }
   Result<std::optional<Gaussians4D>> decode(std::uint32_t s) override { return under_->decode(s); }
@@ -44,30 +46,90 @@ class Coming final : public Timeline {
   std::uint64_t stored_primitives() const override { return under_->stored_primitives(); }
 
  private:
-  std::unique_ptr<Timeline> under_ = make_timeline();
+  std::unique_ptr<Timeline> under_;
+};
+
+// A stream of which more comes between two questions: the first call lacks the last segment.
+class Coming final : public OverTimeline {
+ public:
+  Coming() : OverTimeline(make_timeline()) {}
+  Result<std::vector<Needed>> needed_at(double seconds) override {
+    STGS_ASSIGN(std::vector<Needed> needed, OverTimeline::needed_at(seconds));
+    if (calls_++ == 0) needed.pop_back();
+    return needed;
+  }
+
+ private:
   int calls_ = 0;
+};
+
+// A player's: what it needs is decoded, and each segment a few pieces long.
+class Decoded final : public OverTimeline {
+ public:
+  Decoded() : OverTimeline(make_timeline(kDefaultMemoryBudget, in_tiers())) {
+    large_->resize(4 * 65536 + 100);
+    small_->resize(10);
+  }
+  Result<std::vector<Needed>> needed_at(double seconds) override {
+    STGS_ASSIGN(std::vector<Needed> needed, OverTimeline::needed_at(seconds));
+    for (Needed& one : needed) {
+      one.set = better.contains(one.segment) ? better.at(one.segment) : of_tier(one.segment);
+    }
+    return needed;
+  }
+  bool is_playing() const override { return playing; }
+  bool is_first(std::uint32_t segment) const { return reader().segments()[segment].tier == 0; }
+  std::shared_ptr<const Gaussians4D> of_tier(std::uint32_t segment) const {
+    return is_first(segment) ? small_ : large_;
+  }
+
+  bool playing = true;
+  std::map<std::uint32_t, std::shared_ptr<const Gaussians4D>> better;
+
+ private:
+  static WriteSettings in_tiers() {
+    WriteSettings settings;
+    settings.profile = Profile::kQuantised;
+    settings.tiers = 3;
+    return settings;
+  }
+  std::shared_ptr<Gaussians4D> large_ = std::make_shared<Gaussians4D>();
+  std::shared_ptr<Gaussians4D> small_ = std::make_shared<Gaussians4D>();
 };
 
 class CountingDevice final : public DeviceSegments {
  public:
   ~CountingDevice() override { clear(); }
 
+  static constexpr std::size_t kPiece = DeviceSegments::kPiece;
   std::set<std::uint32_t> there;
-  int sent = 0;
+  std::map<std::uint32_t, std::size_t> arriving;  // what comes next of each
+  int sent = 0, pieces = 0;
+  std::uint64_t reserved = 0;
+  std::chrono::milliseconds piece_takes{0};
 
  private:
   Status begin(const SceneReader& /*reader*/) override { return {}; }
+  void reserve(std::uint64_t bytes) override { reserved = bytes; }
   std::uint64_t bytes_of(std::uint64_t primitives) const override { return kEach * primitives; }
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override {
     for (const std::uint32_t s : segments) STGS_TRY(decode_here(timeline, s));
     return {};
   }
-  Status send(std::uint32_t segment, const Gaussians4D& set) override {
-    CHECK(there.insert(segment).second);
+  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override {
+    if (first == 0) arriving.erase(segment);
+    CHECK(arriving[segment] == first);
+    std::this_thread::sleep_for(piece_takes);
+    ++pieces;
+    arriving[segment] += kPiece;
+    if (arriving[segment] < set.size()) return {};
+    arriving.erase(segment);
+    there.insert(segment);
     ++sent;
     keep(segment, set.size(), kEach * set.size());
     return {};
   }
+  void abandon(std::uint32_t segment) override { CHECK(arriving.erase(segment) == 1); }
   void release(std::uint32_t segment) override { CHECK(there.erase(segment) == 1); }
 };
 
@@ -98,6 +160,82 @@ TEST_CASE("what comes while a moment is brought is for the next picture") {
   CHECK(second->size() == first->size() + 1);
 }
 
+std::size_t all_of(Timeline& timeline, double seconds) {
+  const auto needed = timeline.needed_at(seconds);
+  REQUIRE(needed.ok());
+  return needed->size();
+}
+
+TEST_CASE("while it plays, what makes a picture better comes with several pictures") {
+  Decoded timeline;
+  CountingDevice device;
+  device.piece_takes = std::chrono::milliseconds(3);
+  const std::size_t all = all_of(timeline, 1.0);
+  auto drawn = device.hold(timeline, 1.0);
+  REQUIRE(drawn.ok());
+  CHECK(drawn->size() < all);
+  const auto count_first = [&](const std::vector<Timeline::Needed>& some) {
+    return std::count_if(some.begin(), some.end(),
+                         [&](const auto& one) { return timeline.is_first(one.segment); });
+  };
+  const auto needed = timeline.needed_at(1.0);
+  REQUIRE(needed.ok());
+  REQUIRE(count_first(*needed) > 0);
+  CHECK(count_first(*drawn) == count_first(*needed));
+  while (drawn->size() < all) {
+    const int before = device.pieces;
+    drawn = device.hold(timeline, 1.0);
+    REQUIRE(drawn.ok());
+    REQUIRE(device.pieces > before);
+    REQUIRE(device.pieces <= before + 2);
+  }
+  CHECK(device.sent == static_cast<int>(all));
+  CHECK(device.arriving.empty());
+
+  SECTION("and what there was of a segment is drawn until a better one is there") {
+    const std::uint32_t changed = drawn->front().segment;
+    REQUIRE(timeline.is_first(changed));
+    const auto better = std::make_shared<Gaussians4D>();
+    better->resize(5 * CountingDevice::kPiece);
+    timeline.better[changed] = better;
+    int pictures = 0;
+    for (; device.sent == static_cast<int>(all); ++pictures) {
+      drawn = device.hold(timeline, 1.0);
+      REQUIRE(drawn.ok());
+      REQUIRE(drawn->size() == all);
+      REQUIRE(device.there.contains(changed));
+    }
+    CHECK(pictures > 1);
+    const int pieces = device.pieces;
+    REQUIRE(device.hold(timeline, 1.0).ok());
+    CHECK(device.pieces == pieces);
+  }
+}
+
+TEST_CASE("what stands still is all there at once") {
+  Decoded timeline;
+  timeline.playing = false;
+  CountingDevice device;
+  device.piece_takes = std::chrono::milliseconds(3);
+  const auto drawn = device.hold(timeline, 1.0);
+  REQUIRE(drawn.ok());
+  CHECK(drawn->size() == all_of(timeline, 1.0));
+}
+
+TEST_CASE("what has not come in time is given up") {
+  Decoded timeline;
+  CountingDevice device;
+  device.piece_takes = std::chrono::milliseconds(5);
+  REQUIRE(device.hold(timeline, 1.0).ok());
+  REQUIRE(device.arriving.size() == 1);
+  const std::uint32_t late = device.arriving.begin()->first;
+  timeline.better[late] = std::make_shared<Gaussians4D>(*timeline.of_tier(late));
+  timeline.playing = false;
+  REQUIRE(device.hold(timeline, 1.0).ok());
+  CHECK(device.arriving.empty());
+  CHECK(device.there.contains(late));
+}
+
 TEST_CASE("a device keeps to the budget, and drops what was needed least recently") {
   const auto whole = make_timeline();
   std::uint64_t most = 0;
@@ -116,6 +254,8 @@ TEST_CASE("a device keeps to the budget, and drops what was needed least recentl
     REQUIRE(device.hold(*timeline, t).ok());
     CHECK(kEach * device.stored_primitives() <= most);
   }
+  CHECK(device.reserved == most);
+  CHECK(kEach * device.fullest().primitives == most);
   const auto little = make_timeline(most / 4);
   const auto refused = device.hold(*little, 1.5);
   REQUIRE_FALSE(refused.ok());

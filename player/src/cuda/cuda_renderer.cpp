@@ -135,16 +135,24 @@ class CudaRenderer final : public Renderer {
 
   FrameNeed need_of(const std::vector<View>& views) const {
     FrameNeed need;
-    need.chunks = chunks_;
+    need.chunks = std::max(chunks_, chunks_at_fullest());
     need.tiles = tiles_of(views);
     if (buffers_.generation() > 0) return need;
     const auto guess = [](std::uint64_t wanted, std::uint64_t guessed) {
       return wanted > 0 ? wanted : guessed;
     };
-    need.splats = guess(settings_.splats, std::min(kFirstSplats, splats_at_most(views.size())));
+    need.splats = guess(settings_.splats,
+                        std::min(kFirstSplats, std::uint64_t{need.chunks} * kChunk * views.size()));
     need.instances =
         guess(settings_.instances, std::max(kLeastInstances, kInstancesEach * need.splats));
     return need;
+  }
+
+  // Each segment may leave a part of its last chunk.
+  std::uint32_t chunks_at_fullest() const {
+    const auto& [primitives, segments] = segments_.fullest();
+    return static_cast<std::uint32_t>(
+        std::min(primitives / kChunk + segments, kMaxSplats / kChunk));
   }
 
   std::uint64_t splats_at_most(std::size_t views) const {

@@ -41,6 +41,7 @@ class GrowingBuffer {
     return {};
   }
   std::uint8_t* data() const { return static_cast<std::uint8_t*>(data_); }
+  std::size_t bytes() const { return bytes_; }
 
  private:
   void* data_ = nullptr;

@@ -14,6 +14,7 @@ namespace {
 
 static_assert(kMostViews == kMaxViews);
 
+constexpr std::size_t kLeastParts = 256;    // that a graph has room for
 constexpr std::size_t kPlanes = 5;          // of a picture: red, green, blue, alpha, depth
 constexpr std::size_t kPictureAlign = 256;  // bytes, as cudaMalloc aligns
 
@@ -61,7 +62,7 @@ Status FrameGraph::start(std::span<const View> views, std::span<const Part> part
     made.most_tiles = std::max(made.most_tiles, tiles_of(view));
     made.most_squares = std::max(made.most_squares, squares_of(view));
   }
-  made.parts = std::max(std::bit_ceil(parts.size() + 1), now_.parts);
+  made.parts = std::max(std::bit_ceil(std::max(parts.size() + 1, kLeastParts)), now_.parts);
   place_pictures(views);
   STGS_TRY(make_room(made));
   fill_input(views, parts);

@@ -58,9 +58,15 @@ STGS_FN PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) 
   return out;
 }
 
-// Starts filling the arrays from a decoded segment. Harmonics beyond a half float's range are cut
-// to it: they are far beyond what a picture shows.
-void pack_segment(const DeviceGaussians& from, std::uint32_t primitives, int sh_degree,
+// Successive primitives of a segment.
+struct PrimitiveRange {
+  std::uint32_t first = 0, count = 0;  // first: a multiple of kChunk, as count where others follow
+  std::uint32_t of = 0;                // primitives of the segment
+};
+
+// Starts filling a range of the arrays, from the `count` of `from`. Harmonics beyond a half float's
+// range are cut to it: they are far beyond what a picture shows.
+void pack_segment(const DeviceGaussians& from, const PrimitiveRange& range, int sh_degree,
                   const PackedSegment& to, cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

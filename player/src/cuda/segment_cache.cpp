@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::size_t kArrays = 9;       // of DeviceGaussians
 constexpr std::size_t kFloatAlign = 64;  // floats; as cudaMalloc aligns
+constexpr std::uint32_t kCopied = 2048;  // primitives that a thread copies at a time
 
 std::size_t floats_each(int sh_degree) {
   return static_cast<std::size_t>(17 + 3 * (sh_degree + 1) * (sh_degree + 1));
@@ -37,6 +38,27 @@ DeviceGaussians take(float*& memory, std::size_t n, int sh_degree) {
   return out;
 }
 
+// Copies a range of a set's arrays, several threads together: one alone is slower than the bus.
+void copy_range(const Gaussians4D& set, const PrimitiveRange& range, const DeviceGaussians& to) {
+  const std::pair<float*, const FloatArray*> arrays[kArrays] = {
+      {to.position, &set.position},
+      {to.log_scale, &set.log_scale},
+      {to.rotation, &set.rotation},
+      {to.opacity_logit, &set.opacity_logit},
+      {to.sh, &set.sh},
+      {to.time, &set.time},
+      {to.velocity, &set.velocity},
+      {to.sigma, &set.sigma},
+      {to.radius, &set.radius}};
+  parallel_blocks(0u, range.count, kCopied, [&](std::uint32_t begin, std::uint32_t end) {
+    for (const auto& [copy, array] : arrays) {
+      const std::size_t each = array->size() / range.of;
+      const float* const from = array->data() + each * range.first;
+      std::copy(from + each * begin, from + each * end, copy + each * begin);
+    }
+  });
+}
+
 }  // namespace
 
 Status SegmentCache::create() {
@@ -57,6 +79,16 @@ Status SegmentCache::begin(const SceneReader& reader) {
   return decoder_.set_tables(reader.tables());
 }
 
+// The pool keeps what is given back.
+void SegmentCache::reserve(std::uint64_t bytes) {
+  void* memory = nullptr;
+  if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) == cudaSuccess) {
+    cudaFreeAsync(memory, stream_.get());
+  } else {
+    (void)cudaGetLastError();  // told where less is too much as well
+  }
+}
+
 std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
   return packed_bytes(static_cast<std::uint32_t>(primitives), sh_degree());
 }
@@ -66,21 +98,34 @@ void SegmentCache::give_back(std::uint8_t* memory) {
 }
 
 void SegmentCache::release(std::uint32_t segment) {
-  const auto found = resident_.find(segment);
-  give_back(found->second);
-  resident_.erase(found);
+  if (const auto found = resident_.extract(segment)) give_back(found.mapped());
 }
 
 void SegmentCache::take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
+  release(segment);
   resident_.emplace(segment, fresh);
   keep(segment, primitives, bytes_of(primitives));
 }
 
-Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set) {
-  std::uint8_t* fresh = nullptr;
-  STGS_TRY(lay_out(set, fresh));
-  take_in(segment, set.size(), fresh);
+Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
+  const auto n = static_cast<std::uint32_t>(set.size());
+  if (first == 0) {
+    abandon(segment);
+    std::uint8_t* fresh = nullptr;
+    STGS_TRY(allocate(n, fresh));
+    arriving_.emplace(segment, fresh);
+  }
+  const auto count = static_cast<std::uint32_t>(std::min(kPiece, n - first));
+  STGS_TRY(lay_out(set, {static_cast<std::uint32_t>(first), count, n}, arriving_.at(segment)));
+  if (first + count < n) return {};
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out"));
+  std::uint8_t* const fresh = arriving_.extract(segment).mapped();
+  take_in(segment, n, fresh);
   return {};
+}
+
+void SegmentCache::abandon(std::uint32_t segment) {
+  if (const auto found = arriving_.extract(segment)) give_back(found.mapped());
 }
 
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
@@ -130,35 +175,23 @@ Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegme
   return {};
 }
 
-// Sends a set that is decoded, and waits for it.
-Status SegmentCache::lay_out(const Gaussians4D& set, std::uint8_t*& fresh) {
-  const auto n = static_cast<std::uint32_t>(set.size());
-  STGS_TRY(floats_.ensure((floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float)));
-  auto* memory = reinterpret_cast<float*>(floats_.data());
-  const DeviceGaussians to = take(memory, n, sh_degree());
-  const std::pair<float*, const FloatArray*> arrays[] = {{to.position, &set.position},
-                                                         {to.log_scale, &set.log_scale},
-                                                         {to.rotation, &set.rotation},
-                                                         {to.opacity_logit, &set.opacity_logit},
-                                                         {to.sh, &set.sh},
-                                                         {to.time, &set.time},
-                                                         {to.velocity, &set.velocity},
-                                                         {to.sigma, &set.sigma},
-                                                         {to.radius, &set.radius}};
-  for (const auto& [there, here] : arrays) {
-    STGS_TRY(cuda_status(cudaMemcpyAsync(there, here->data(), sizeof(float) * here->size(),
-                                         cudaMemcpyHostToDevice, stream_.get()),
-                         "sending a segment"));
-  }
-  Status status = allocate(n, fresh);
-  if (status.ok()) {
-    pack_segment(to, n, sh_degree(), packed_at(fresh, n), stream_.get());
-    status = cuda_status(cudaGetLastError(), "starting to lay a segment out");
-  }
-  const Status ended = cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out");
-  if (status.ok()) status = ended;
-  if (!status.ok()) give_back(fresh);
-  return status;
+// Sends a range of a set, and starts laying it out.
+Status SegmentCache::lay_out(const Gaussians4D& set, const PrimitiveRange& range,
+                             std::uint8_t* fresh) {
+  const auto bytes_of_floats = [this](std::uint64_t n) {
+    return (floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float);
+  };
+  // At once as much as there can be in a piece, rather than with every larger one.
+  const std::uint64_t most = std::clamp<std::uint64_t>(fullest().primitives, range.count, kPiece);
+  STGS_TRY(floats_.ensure(bytes_of_floats(most)));
+  STGS_TRY(staging_.ensure(bytes_of_floats(most)));
+  STGS_ASSIGN(std::uint8_t* const staged, staging_.next());
+  auto *here = reinterpret_cast<float*>(staged), *there = reinterpret_cast<float*>(floats_.data());
+  copy_range(set, range, take(here, range.count, sh_degree()));
+  const DeviceGaussians to = take(there, range.count, sh_degree());
+  STGS_TRY(staging_.send(floats_.data(), bytes_of_floats(range.count), stream_.get()));
+  pack_segment(to, range, sh_degree(), packed_at(fresh, range.of), stream_.get());
+  return cuda_status(cudaGetLastError(), "starting to lay a segment out");
 }
 
 Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fresh,
@@ -178,7 +211,7 @@ Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fre
   STGS_TRY(decoder_.launch(stream_.get()));
   for (std::size_t k = 0; k < coded.size(); ++k) {
     const std::uint32_t n = coded[k].primitives;
-    pack_segment(to[k], n, sh_degree(), packed_at(fresh[k], n), stream_.get());
+    pack_segment(to[k], {0, n, n}, sh_degree(), packed_at(fresh[k], n), stream_.get());
   }
   const cudaError_t started = cudaGetLastError();
   Result<std::vector<bool>> sound = decoder_.finish();

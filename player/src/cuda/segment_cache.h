@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cuda/device_buffer.h"
+#include "cuda/host_staging.h"
 #include "cuda/render_layout.h"
 #include "cuda/segment_decode.h"
 #include "device_segments.h"
@@ -28,9 +29,11 @@ class SegmentCache final : public DeviceSegments {
 
  private:
   Status begin(const SceneReader& reader) override;
+  void reserve(std::uint64_t bytes) override;
   std::uint64_t bytes_of(std::uint64_t primitives) const override;
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override;
-  Status send(std::uint32_t segment, const Gaussians4D& set) override;
+  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
+  void abandon(std::uint32_t segment) override;
   void release(std::uint32_t segment) override;
 
   Status decode_batch(Timeline& timeline, std::span<const CodedSegment> coded,
@@ -39,7 +42,7 @@ class SegmentCache final : public DeviceSegments {
   // them are sound.
   Result<std::vector<bool>> decode_into(std::span<std::uint8_t*> fresh,
                                         std::span<const CodedSegment> coded);
-  Status lay_out(const Gaussians4D& set, std::uint8_t*& fresh);
+  Status lay_out(const Gaussians4D& set, const PrimitiveRange& range, std::uint8_t* fresh);
   Status allocate(std::uint32_t primitives, std::uint8_t*& fresh);
   void give_back(std::uint8_t* memory);
   void take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh);
@@ -47,8 +50,9 @@ class SegmentCache final : public DeviceSegments {
   Stream stream_;
   MemoryPool pool_;
   SegmentDecoder decoder_;
-  DeviceBuffer floats_;  // of the batch that is decoded
-  std::map<std::uint32_t, std::uint8_t*> resident_;
+  DeviceBuffer floats_;  // of the batch that is decoded, or the range that is sent
+  HostStaging staging_;
+  std::map<std::uint32_t, std::uint8_t*> resident_, arriving_;
 };
 
 }  // namespace stgs::player::cuda

@@ -180,6 +180,11 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
   if (jumped) to_decode_.notify_all();
 }
 
+bool SegmentStore::is_moving() const {
+  const std::lock_guard lock(mutex_);
+  return !motion_.still;
+}
+
 std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,
                                                       std::uint64_t generation) const {
   const std::lock_guard lock(mutex_);

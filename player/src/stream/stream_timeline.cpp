@@ -32,6 +32,7 @@ class StreamTimeline final : public Timeline {
 
   const SceneReader& reader() const override { return *known_.reader; }
   std::uint64_t memory_budget() const override { return store_.memory_budget(); }
+  bool is_playing() const override { return store_.is_moving(); }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
   Result<std::vector<Needed>> needed_at(double seconds) override {

@@ -6,6 +6,8 @@
 namespace stgs::player::vulkan {
 namespace {
 
+constexpr std::uint64_t kSplatBytes = 16;  // of an entry of a, b or c
+
 std::uint64_t ceil_of(std::uint64_t n, std::uint64_t each) {
   return (n + each - 1) / each;
 }
@@ -19,6 +21,10 @@ DigitRows::DigitRows(std::uint64_t splats, std::uint64_t instances) {
   groups = groups_of(std::max(splats, instances));
   depth = super_group_of(groups_of(splats));
   tile = super_group_of(groups_of(instances));
+}
+
+std::uint64_t FrameBuffers::most_chunks(const Device& device) {
+  return device.most_range() / (kSplatBytes * kGroup);
 }
 
 std::uint64_t FrameBuffers::most_instances(const Device& device) {
@@ -39,7 +45,7 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
   };
   STGS_TRY(room(input, 1, sizeof(FrameInput) + sizeof(Part) * std::uint64_t{need.parts + 1}));
   STGS_TRY(room(counts, 1, kCountBytes));
-  for (Buffer& splat : splats) STGS_TRY(room(splat, splat_count, 16));
+  for (Buffer& splat : splats) STGS_TRY(room(splat, splat_count, kSplatBytes));
   STGS_TRY(room(chunk_places, need.chunks, 4));
   STGS_TRY(room(chunk_sums, ceil_of(need.chunks, kScanTile), 4));
   for (Buffer& keys : depth_keys) STGS_TRY(room(keys, splat_count, 4));

@@ -66,7 +66,8 @@ struct FrameBuffers {
                      tile_splats[1].bytes()}) /
            sizeof(std::uint32_t);
   }
-  // Instances that there can be room for.
+  // Chunks and instances that there can be room for.
+  static std::uint64_t most_chunks(const Device& device);
   static std::uint64_t most_instances(const Device& device);
 
   Buffer input, counts;

@@ -14,7 +14,6 @@ namespace stgs::player::vulkan {
 namespace {
 
 constexpr std::uint64_t kBlockBytes = std::uint64_t{256} << 20;
-constexpr std::uint32_t kSent = 1 << 18;  // primitives at once
 // Bytes that wait to be copied at most, and that spare buffers have.
 constexpr std::uint64_t kWaiting = std::uint64_t{64} << 20;
 
@@ -33,12 +32,18 @@ Status SegmentCache::begin(const SceneReader& /*reader*/) {
   return {};
 }
 
+void SegmentCache::reserve(std::uint64_t bytes) {
+  memory_.reserve(bytes);
+}
+
 std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
   return packed_bytes(static_cast<std::uint32_t>(primitives), sh_degree());
 }
 
-void SegmentCache::give_back(const std::vector<Piece>& pieces) {
-  for (const Piece& piece : pieces) {
+void SegmentCache::give_back(Pieces& pieces, std::uint32_t segment) {
+  const auto found = pieces.find(segment);
+  if (found == pieces.end()) return;
+  for (const Piece& piece : found->second) {
     const auto waits = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
       return copy.room.block == piece.room.block && copy.room.offset == piece.room.offset;
     });
@@ -48,12 +53,15 @@ void SegmentCache::give_back(const std::vector<Piece>& pieces) {
     }
     memory_.give_back(piece.room);
   }
+  pieces.erase(found);
 }
 
 void SegmentCache::release(std::uint32_t segment) {
-  const auto found = resident_.find(segment);
-  give_back(found->second);
-  resident_.erase(found);
+  give_back(resident_, segment);
+}
+
+void SegmentCache::abandon(std::uint32_t segment) {
+  give_back(arriving_, segment);
 }
 
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
@@ -62,48 +70,53 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
   parallel_for(std::size_t{0}, read.size(),
                [&](std::size_t k) { read[k].emplace(reader.decode(segments[k])); });
   for (std::size_t k = 0; k < read.size(); ++k) {
-    STGS_TRY(read[k]->ok() ? send(segments[k], **read[k]) : decode_here(timeline, segments[k]));
+    STGS_TRY(read[k]->ok() ? send_all(segments[k], **read[k]) : decode_here(timeline, segments[k]));
     read[k].reset();
   }
   return {};
 }
 
-Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set) {
-  std::vector<Piece> pieces;
-  std::uint64_t bytes = 0;
+Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
+  if (first == 0) abandon(segment);
+  std::vector<Piece>& pieces = arriving_[segment];
   const std::uint64_t fitting =
       memory_.block_bytes() / (packed_bytes_each(sh_degree()) * kGroup) * kGroup;
-  const std::size_t most = std::min<std::uint64_t>(kSent, fitting);
-  for (std::size_t first = 0; first < set.size(); first += most) {
+  const std::size_t end = std::min(first + kPiece, set.size());
+  while (first < end) {
     Piece piece;
-    piece.primitives = static_cast<std::uint32_t>(std::min(most, set.size() - first));
-    if (const Status status = send_piece(set, first, piece); !status.ok()) {
-      if (piece.room.bytes > 0) pieces.push_back(piece);
-      give_back(pieces);
-      return status;
-    }
-    bytes += piece.room.bytes;
-    pieces.push_back(piece);
+    piece.primitives = static_cast<std::uint32_t>(std::min<std::uint64_t>(end - first, fitting));
+    const Status status = send_room(set, first, piece);
+    if (piece.room.bytes > 0) pieces.push_back(piece);
+    STGS_TRY(status);
+    first += piece.primitives;
   }
-  resident_.emplace(segment, std::move(pieces));
+  if (end < set.size()) return {};
+  give_back(resident_, segment);
+  std::uint64_t bytes = 0;
+  for (const Piece& piece : pieces) bytes += piece.room.bytes;
+  resident_.insert(arriving_.extract(segment));
   keep(segment, set.size(), bytes);
   return {};
 }
 
+// The smallest spare one that is large enough, or a new one.
 Result<Buffer> SegmentCache::host_buffer(std::uint64_t bytes) {
-  const auto fits = std::find_if(spare_.begin(), spare_.end(),
-                                 [&](const Buffer& buffer) { return buffer.bytes() >= bytes; });
+  auto best = spare_.end();
+  for (auto one = spare_.begin(); one != spare_.end(); ++one) {
+    if (one->bytes() < bytes) continue;
+    if (best == spare_.end() || one->bytes() < best->bytes()) best = one;
+  }
   Buffer buffer;
-  if (fits != spare_.end()) {
-    buffer = std::move(*fits);
-    spare_.erase(fits);
+  if (best != spare_.end()) {
+    buffer = std::move(*best);
+    spare_.erase(best);
   } else {
     STGS_TRY(buffer.create(*device_, bytes, Place::kHost));
   }
   return buffer;
 }
 
-Status SegmentCache::send_piece(const Gaussians4D& set, std::size_t first, Piece& piece) {
+Status SegmentCache::send_room(const Gaussians4D& set, std::size_t first, Piece& piece) {
   const std::uint64_t bytes = packed_bytes(piece.primitives, sh_degree());
   STGS_ASSIGN(Buffer from, host_buffer(bytes));
   pack_segment(set, first, piece.primitives, sh_degree(), from.mapped());

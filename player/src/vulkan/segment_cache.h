@@ -43,18 +43,21 @@ class SegmentCache final : public DeviceSegments {
 
  private:
   Status begin(const SceneReader& reader) override;
+  void reserve(std::uint64_t bytes) override;
   std::uint64_t bytes_of(std::uint64_t primitives) const override;
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override;
-  Status send(std::uint32_t segment, const Gaussians4D& set) override;
+  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
+  void abandon(std::uint32_t segment) override;
   void release(std::uint32_t segment) override;
 
   struct Copy {
     Room room;
     Buffer from;
   };
-  void give_back(const std::vector<Piece>& pieces);
-  // Sends primitives from `first` on.
-  Status send_piece(const Gaussians4D& set, std::size_t first, Piece& piece);
+  using Pieces = std::map<std::uint32_t, std::vector<Piece>>;  // of segments
+  void give_back(Pieces& pieces, std::uint32_t segment);
+  // Sends primitives from `first` on to a room of their own.
+  Status send_room(const Gaussians4D& set, std::size_t first, Piece& piece);
   Result<Buffer> host_buffer(std::uint64_t bytes);
   Status copy_now();
 
@@ -63,7 +66,7 @@ class SegmentCache final : public DeviceSegments {
   std::vector<Copy> copies_;   // that wait
   std::uint64_t waiting_ = 0;  // bytes of them
   std::vector<Buffer> spare_;
-  std::map<std::uint32_t, std::vector<Piece>> resident_;
+  Pieces resident_, arriving_;
 };
 
 }  // namespace stgs::player::vulkan

@@ -6,15 +6,25 @@
 
 namespace stgs::player::vulkan {
 
+Status SegmentMemory::add_block() {
+  Block fresh;
+  STGS_TRY(fresh.buffer.create(*device_, block_bytes_, Place::kDevice));
+  fresh.free.emplace(0, block_bytes_);
+  blocks_.push_back(std::move(fresh));
+  return {};
+}
+
+void SegmentMemory::reserve(std::uint64_t bytes) {
+  const std::size_t before = blocks_.size();
+  while (blocks_.size() * block_bytes_ < bytes) {
+    if (!add_block().ok()) return blocks_.resize(before);
+  }
+}
+
 Result<Room> SegmentMemory::take(std::uint64_t bytes) {
   bytes = (bytes + kAlign - 1) / kAlign * kAlign;
   for (std::uint32_t b = 0;; ++b) {
-    if (b == blocks_.size()) {
-      Block fresh;
-      STGS_TRY(fresh.buffer.create(*device_, block_bytes_, Place::kDevice));
-      fresh.free.emplace(0, block_bytes_);
-      blocks_.push_back(std::move(fresh));
-    }
+    if (b == blocks_.size()) STGS_TRY(add_block());
     auto& free = blocks_[b].free;
     for (auto hole = free.begin(); hole != free.end(); ++hole) {
       if (hole->second < bytes) continue;

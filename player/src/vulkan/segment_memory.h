@@ -26,6 +26,8 @@ class SegmentMemory {
     device_ = &device;
     block_bytes_ = block_bytes;
   }
+  // Makes blocks for so many bytes together, where the device has memory for all of them.
+  void reserve(std::uint64_t bytes);
   // `bytes` <= block_bytes(), and not 0. kRuntime where the device has no memory left.
   Result<Room> take(std::uint64_t bytes);
   void give_back(const Room& room);
@@ -38,6 +40,8 @@ class SegmentMemory {
     Buffer buffer;
     std::map<std::uint64_t, std::uint64_t> free;  // offset, bytes; never side by side
   };
+  Status add_block();
+
   const Device* device_ = nullptr;
   std::uint64_t block_bytes_ = 0;
   std::vector<Block> blocks_;

@@ -29,6 +29,7 @@ constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 18;
 constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
 // Frames that nobody waits for are to fit: room is made from so full a list on, and for so much.
 constexpr double kFull = 0.8, kRoomier = 1.5;
+constexpr std::uint32_t kLeastParts = 256;  // that there is room for
 
 int tiles_along(int pixels) {
   return (pixels + kTilePixels - 1) / kTilePixels;
@@ -220,11 +221,19 @@ class ComputeRenderer final : public VulkanRenderer {
     return buffer.ensure(device_, bytes, Place::kDevice, device_.most_range() / 16 * 16);
   }
 
+  // As far as the device's buffers have room. Each segment may leave a part of its last chunk.
+  std::uint32_t chunks_at_fullest(std::size_t views) const {
+    const auto& [primitives, segments] = segments_.fullest();
+    return static_cast<std::uint32_t>(
+        std::min(primitives / kGroup + segments, FrameBuffers::most_chunks(device_) / views));
+  }
+
   // For the pictures, in planes where `to` is null, and for what they are drawn with.
   Status make_room(const std::vector<View>& views, const VulkanSubmission* to) {
     FrameNeed need;
-    need.chunks = chunks_ * static_cast<std::uint32_t>(views.size());
-    need.parts = static_cast<std::uint32_t>(parts_.size());
+    need.chunks = std::max(chunks_, chunks_at_fullest(views.size())) *
+                  static_cast<std::uint32_t>(views.size());
+    need.parts = std::bit_ceil(std::max(static_cast<std::uint32_t>(parts_.size()), kLeastParts));
     for (std::size_t i = 0; i < views.size(); ++i) {
       Picture& p = pictures_[i];
       need.tiles += static_cast<std::uint32_t>(tiles_along(p.width) * tiles_along(p.height));
@@ -268,7 +277,6 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Status record(const std::vector<View>& views, const VulkanSubmission* to, FrameSlot& slot) {
     STGS_TRY(slot.begin());
-    segments_.take_back(std::exchange(slot.copied, {}));
     segments_.record_copies(slot.draw());
     slot.capacity = capacity();
     const FrameInput input = input_of(views);
@@ -292,7 +300,9 @@ class ComputeRenderer final : public VulkanRenderer {
     if (to.depth) copy_picture(device_, picture.depth.handle(), *to.depth, slot.hand_over());
   }
 
-  static Status count(FrameSlot& slot) {
+  // Of a frame that has ended.
+  Status count(FrameSlot& slot) {
+    segments_.take_back(std::exchange(slot.copied, {}));
     const Counts counts = slot.counts();
     slot.stats.alive = counts.alive;
     slot.stats.drawn = counts.visible;
@@ -309,6 +319,7 @@ class ComputeRenderer final : public VulkanRenderer {
       STGS_TRY(slot.wait());
       const std::uint64_t listed = slot.counts().instances;
       if (listed <= slot.capacity) return count(slot);
+      segments_.take_back(std::exchange(slot.copied, {}));
       const std::uint64_t most = FrameBuffers::most_instances(device_);
       if (listed > most) {
         return runtime_error(

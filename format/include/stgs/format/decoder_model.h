@@ -10,7 +10,7 @@ namespace stgs {
 
 struct DecoderNeeds {
   // Of the segments of a moment, all tiers and harmonics, at the moment that has most.
-  std::uint64_t primitives = 0;
+  std::uint64_t primitives = 0, segments = 0;
   std::uint64_t bytes = 0;           // of their records: what a seek fetches
   std::uint64_t decoded_bytes = 0;   // of their floats
   std::uint64_t ranges = 0;          // of the file that hold them

@@ -95,6 +95,9 @@ class Timeline {
   // it is passed over, which losses() tells, or has not come.
   virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
   virtual std::uint64_t memory_budget() const = 0;
+  // Whether each picture is soon followed by one of another moment: what makes a picture better,
+  // but would keep it waiting, may then come with the next ones.
+  virtual bool is_playing() const { return false; }
   // No other timeline's while somebody keeps it, and the same as long as this one lives; but
   // another where the index of a recording lists again what damage had hidden, which changes the
   // numbers of segments.
