@@ -178,6 +178,12 @@ TEST_CASE("what needs weights, another process or another setting is refused wit
                    nullptr));
   CHECK_FALSE(is_refused({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
   CHECK(is_refused({{"normal_from", "0.1"}}, "", nullptr));
+  for (const char* name :
+       {"lr_velocity_final", "still_from", "velocity_share", "velocity_shrink"}) {
+    CHECK(is_refused({{name, "0.2"}, {"lr_velocity", "0"}}, "", nullptr));
+    CHECK_FALSE(is_refused({{name, "0.2"}, {"lr_velocity", "0.1"}}, "", nullptr));
+  }
+  CHECK(is_refused({{"lr_position_final", "0.2"}, {"lr_position", "0"}}, "", nullptr));
   CHECK(is_refused({{"sh_step", "0.2"}, {"sh_degree", "0"}}, "", nullptr));
   stgs::testing::Table table(2);
   stgs::testing::ThreadRanks two(table, 0);
