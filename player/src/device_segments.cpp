@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <utility>
 
 #include "stgs/format/decoder_model.h"
 
@@ -13,9 +14,9 @@ constexpr double kMiB = 1 << 20;
 // Primitives that are decoded at once, about: their floats are held beside what is drawn from.
 constexpr std::uint64_t kBatch = 1 << 19;
 constexpr std::uint64_t kMostDrawn = 1 << 28;  // that a frame of any backend numbers
-// Of a picture while somebody plays, for what may come later: at 100 a second there is as much left
-// to draw it.
-constexpr std::chrono::milliseconds kMostSending{4};
+// Of a picture while somebody plays, for what may come later: at 100 a second the least leaves as
+// much to draw it.
+constexpr std::chrono::milliseconds kLeastSending{4}, kMostSending{25};
 
 template <typename T>
 bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
@@ -25,13 +26,23 @@ bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
 }  // namespace
 
 Result<std::vector<Timeline::Needed>> DeviceSegments::hold(Timeline& timeline, double seconds) {
-  STGS_ASSIGN(std::vector<Timeline::Needed> needed, timeline.needed_at(seconds));
-  STGS_TRY(change_to(timeline));
-  STGS_TRY(make_present(timeline, needed, seconds));
-  // Some may have turned out to be lost. Others may have come meanwhile: they are for next time.
-  STGS_ASSIGN(needed, timeline.needed_at(seconds));
-  std::erase_if(needed,
-                [this](const Timeline::Needed& one) { return !held_.contains(one.segment); });
+  std::vector<Timeline::Needed> needed;
+  do {
+    STGS_ASSIGN(needed, timeline.needed_at(seconds));
+    STGS_TRY(change_to(timeline));
+    STGS_TRY(make_present(timeline, needed, seconds));
+    // Some may have turned out to be lost. Others may have come meanwhile: they are for next time.
+    STGS_ASSIGN(needed, timeline.needed_at(seconds));
+  } while (timeline_.lock() != timeline.identity());
+  waiting_ = 0;
+  std::erase_if(needed, [this](const Timeline::Needed& one) {
+    const auto found = held_.find(one.segment);
+    const bool there = found != held_.end();
+    if (one.set != nullptr && !(there && same_owner(found->second.set, one.set))) {
+      waiting_ += one.set->size();
+    }
+    return !there;
+  });
   return needed;
 }
 
@@ -51,12 +62,14 @@ Status DeviceSegments::decode_here(Timeline& timeline, std::uint32_t segment) {
 }
 
 Status DeviceSegments::send_all(std::uint32_t segment, const Gaussians4D& set) {
-  for (std::size_t first = 0; first == 0 || first < set.size(); first += kPiece) {
-    const Status status = send(segment, set, first);
-    if (!status.ok()) abandon(segment);
-    STGS_TRY(status);
+  arriving_[segment] = {};  // what is given up where this throws
+  Status status;
+  for (std::size_t first = 0; status.ok() && (first == 0 || first < set.size()); first += kPiece) {
+    status = send(segment, set, first);
   }
-  return {};
+  if (!status.ok()) abandon(segment);
+  arriving_.erase(segment);
+  return status;
 }
 
 void DeviceSegments::clear() {
@@ -71,57 +84,87 @@ void DeviceSegments::drop(Segments::iterator segment) {
   held_.erase(segment);
 }
 
-bool DeviceSegments::has(const Timeline::Needed& needed) {
-  const auto found = held_.find(needed.segment);
+void DeviceSegments::make_room(const Timeline& timeline, std::uint64_t more, std::uint64_t before) {
+  while (bytes_ + more > timeline.memory_budget()) {
+    const auto oldest = std::min_element(
+        held_.begin(), held_.end(),
+        [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
+    if (oldest == held_.end() || oldest->second.used >= before) return;
+    drop(oldest);
+  }
+}
+
+bool DeviceSegments::has(const Timeline::Needed& asked, bool now) {
+  const auto found = held_.find(asked.segment);
   if (found == held_.end()) return false;
-  const bool same = same_owner(found->second.set, needed.set);
-  found->second.used = same ? call_ : 0;
+  const bool same = same_owner(found->second.set, asked.set);
+  found->second.used = same && now ? call_ : call_ - 1;
   return same;
 }
 
-void DeviceSegments::abandon_others(std::span<const Timeline::Needed> needed) {
+void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
+                               std::vector<const Timeline::Needed*>& ahead) {
+  for (std::size_t i = 0; i < ahead.size(); ++i) {
+    more += bytes_of(timeline.reader().segments()[ahead[i]->segment].primitives);
+    make_room(timeline, more, call_ - 1);
+    if (bytes_ + more > timeline.memory_budget()) ahead.resize(i);
+  }
+}
+
+void DeviceSegments::abandon_others(std::span<const Timeline::Needed* const> these) {
   std::erase_if(arriving_, [&](const auto& one) {
-    const auto found = std::lower_bound(
-        needed.begin(), needed.end(), one.first,
-        [](const Timeline::Needed& a, std::uint32_t segment) { return a.segment < segment; });
-    const bool wanted = found != needed.end() && found->segment == one.first &&
-                        same_owner(one.second.set, found->set);
+    const bool wanted = std::any_of(these.begin(), these.end(), [&](const auto* needed) {
+      return needed->segment == one.first && same_owner(one.second.set, needed->set);
+    });
     if (!wanted) abandon(one.first);
     return !wanted;
   });
 }
 
 Result<bool> DeviceSegments::send_piece(const Timeline::Needed& needed) {
-  // Nothing arrives where sending it fails or throws: then it begins anew.
-  const auto before = arriving_.extract(needed.segment);
-  const std::size_t first = before.empty() ? 0 : before.mapped().sent;
+  Arriving& arriving = arriving_[needed.segment];
+  arriving.set = needed.set;
+  // It begins anew where this throws.
+  const std::size_t first = std::exchange(arriving.sent, 0), sent = first + kPiece;
   const Status status = send(needed.segment, *needed.set, first);
+  const bool more = status.ok() && sent < needed.set->size();
   if (!status.ok()) abandon(needed.segment);
-  STGS_TRY(status);
-  const std::size_t sent = first + kPiece;
-  const bool more = sent < needed.set->size();
   if (more) {
-    arriving_.emplace(needed.segment, Arriving{needed.set, sent});
+    arriving.sent = sent;
   } else {
-    held_.at(needed.segment).set = needed.set;
+    arriving_.erase(needed.segment);
   }
+  STGS_TRY(status);
+  if (!more) held_.at(needed.segment).set = needed.set;
   return more;
+}
+
+// A quarter of the time from picture to picture.
+DeviceSegments::Clock::duration DeviceSegments::time_to_send() {
+  const Clock::time_point before = std::exchange(called_, Clock::now());
+  return std::clamp<Clock::duration>((called_ - before) / 4, kLeastSending, kMostSending);
 }
 
 // Nothing waits of the first tier, without which there is no picture of a moment.
 Status DeviceSegments::send_decoded(const Timeline& timeline,
-                                    std::span<const Timeline::Needed* const> decoded) {
+                                    std::span<const Timeline::Needed* const> decoded,
+                                    std::span<const Timeline::Needed* const> ahead) {
   const bool playing = timeline.is_playing();
-  const Clock::time_point end = Clock::now() + kMostSending;
+  const Clock::duration time = time_to_send();
+  const Clock::time_point end = called_ + time;
   bool enough = false;
-  for (const Timeline::Needed* one : decoded) {
-    const bool may_wait = playing && (timeline.reader().segments()[one->segment].tier > 0 ||
-                                      held_.contains(one->segment));
+  const auto send_one = [&](const Timeline::Needed& one, bool may_wait) -> Status {
     for (bool more = true; more && !(may_wait && enough);) {
-      STGS_ASSIGN(more, send_piece(*one));
+      STGS_ASSIGN(more, send_piece(one));
       if (may_wait) enough = Clock::now() >= end;
     }
+    return {};
+  };
+  for (const Timeline::Needed* one : decoded) {
+    const bool first = timeline.reader().segments()[one->segment].tier == 0;
+    STGS_TRY(send_one(*one, playing && (!first || held_.contains(one->segment))));
   }
+  for (const Timeline::Needed* one : ahead) STGS_TRY(send_one(*one, true));
   return {};
 }
 
@@ -144,14 +187,19 @@ Status DeviceSegments::change_to(const Timeline& timeline) {
 void DeviceSegments::find_fullest(const Timeline& timeline) {
   const DecoderNeeds needs = decoder_needs(timeline.reader());
   const std::uint64_t fitting = timeline.memory_budget() / (bytes_of(kPiece) / kPiece);
-  fullest_ = {std::min({needs.primitives, fitting, kMostDrawn}), needs.segments};
+  fullest_ = {std::min({needs.primitives, fitting, kMostDrawn}),
+              std::min(needs.segments, timeline.memory_budget() / bytes_of(1))};
   known_ = timeline.reader().segments().size();
 }
 
 Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline::Needed> needed,
                                     double seconds) {
-  ++call_;
-  abandon_others(needed);
+  call_ += 2;
+  const std::vector<Timeline::Needed> soon = timeline.needed_soon(seconds);
+  std::vector<const Timeline::Needed*> ahead;
+  for (const Timeline::Needed& one : soon) {
+    if (!has(one, false)) ahead.push_back(&one);
+  }
   const auto& segments = timeline.reader().segments();
   std::vector<std::uint32_t> missing;
   std::vector<const Timeline::Needed*> decoded;
@@ -160,7 +208,7 @@ Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline
     const SegmentInfo& info = segments[one.segment];
     const std::uint64_t bytes = info.there ? bytes_of(info.primitives) : 0;
     together += bytes;
-    if (has(one)) continue;
+    if (has(one, true)) continue;
     more += bytes;
     if (one.set == nullptr) {
       missing.push_back(one.segment);
@@ -175,15 +223,15 @@ Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline
         timeline.name(), seconds, static_cast<double>(together) / kMiB,
         static_cast<double>(timeline.memory_budget()) / kMiB);
   }
-  while (!held_.empty() && bytes_ + more > timeline.memory_budget()) {
-    drop(std::min_element(held_.begin(), held_.end(), [](const auto& a, const auto& b) {
-      return a.second.used < b.second.used;
-    }));
-  }
+  make_room(timeline, more, call_);
+  fit_ahead(timeline, more, ahead);
   std::stable_sort(decoded.begin(), decoded.end(), [&](const auto* a, const auto* b) {
     return segments[a->segment].tier < segments[b->segment].tier;
   });
-  STGS_TRY(send_decoded(timeline, decoded));
+  std::vector<const Timeline::Needed*> wanted = decoded;
+  wanted.insert(wanted.end(), ahead.begin(), ahead.end());
+  abandon_others(wanted);
+  STGS_TRY(send_decoded(timeline, decoded, ahead));
   return decode_all(timeline, missing);
 }
 

@@ -16,22 +16,26 @@ namespace stgs::player {
 
 // One thread. A backend says how a segment comes to its device and leaves it. What a timeline holds
 // decoded comes in pieces: while somebody plays, one that is large comes with several pictures, and
-// until it is all there what there was of the segment is drawn.
+// until it is all there what there was of the segment is drawn; what is needed soon comes ahead.
 class DeviceSegments {
  public:
   virtual ~DeviceSegments() = default;
   // Makes what is alive at `seconds` present, drops what was needed least recently where the budget
   // asks for it, and gives what is to be drawn: all that is held of the moment, ascending. What is
-  // held of another timeline goes. What uses segments must have ended; waits for what it sends.
-  // Errors: those of Timeline::at, and of the device.
+  // held of another timeline goes. What uses segments must have ended, or come before in the
+  // device's queue. Errors: those of Timeline::at, and of the device.
   Result<std::vector<Timeline::Needed>> hold(Timeline& timeline, double seconds);
   std::uint64_t stored_primitives() const { return primitives_; }
+  // Of what the last call of hold() was asked for: decoded, and left to later calls.
+  std::uint64_t waiting_primitives() const { return waiting_; }
   // At the moments of the timeline that have most of them, as far as its budget has room: what
   // makes room for so many at once need not grow while it plays.
   struct Fullest {
     std::uint64_t primitives = 0, segments = 0;
   };
   const Fullest& fullest() const { return fullest_; }
+  // The device has no room for it.
+  void forget_fullest() { fullest_ = {}; }
 
  protected:
   int sh_degree() const { return sh_degree_; }
@@ -54,7 +58,7 @@ class DeviceSegments {
   };
   struct Held {
     std::uint64_t bytes = 0, primitives = 0;
-    std::uint64_t used = 0;                // number of the call that needed it last
+    std::uint64_t used = 0;                // number of the call that needed it last, see has()
     std::weak_ptr<const Gaussians4D> set;  // Timeline::Needed's, where it had one
   };
   using Segments = std::map<std::uint32_t, Held>;
@@ -68,8 +72,8 @@ class DeviceSegments {
   // Decodes, and calls keep() for each that is sound and decode_here() for the others.
   virtual Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) = 0;
   // Sends kPiece primitives of a set from `first` on, or the rest of it; all before have been sent,
-  // and with 0 it begins anew. With the last it waits for them, puts them in place of what it has
-  // of the segment, and calls keep().
+  // and with 0 it begins anew. With the last it puts them in place of what it has of the segment,
+  // and calls keep().
   virtual Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) = 0;
   // Gives back what was sent of a set that will not come to its end.
   virtual void abandon(std::uint32_t segment) = 0;
@@ -78,14 +82,22 @@ class DeviceSegments {
 
   Status change_to(const Timeline& timeline);
   void find_fullest(const Timeline& timeline);
-  // Whether it is held as it is needed; where it has changed it is the first to be dropped.
-  bool has(const Timeline::Needed& needed);
+  // Whether it is held as it is asked for, where calls are numbered by twos: what is needed now is
+  // used by this call, what will be, or has changed, less than that and more than by any before.
+  bool has(const Timeline::Needed& asked, bool now);
   void drop(Segments::iterator segment);
-  // All that arrives but what is needed.
-  void abandon_others(std::span<const Timeline::Needed> needed);
-  Status send_decoded(const Timeline& timeline, std::span<const Timeline::Needed* const> decoded);
+  // Drops what was used before a call, the least recent first, until so many bytes more fit.
+  void make_room(const Timeline& timeline, std::uint64_t more, std::uint64_t before);
+  // Leaves what the budget has room for, beside `more` bytes for what is needed now.
+  void fit_ahead(const Timeline& timeline, std::uint64_t more,
+                 std::vector<const Timeline::Needed*>& ahead);
+  // All that arrives but these.
+  void abandon_others(std::span<const Timeline::Needed* const> these);
+  Status send_decoded(const Timeline& timeline, std::span<const Timeline::Needed* const> decoded,
+                      std::span<const Timeline::Needed* const> ahead);
   // One piece; whether there are more.
   Result<bool> send_piece(const Timeline::Needed& needed);
+  Clock::duration time_to_send();
   Status make_present(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
   Status decode_all(Timeline& timeline, std::span<const std::uint32_t> segments);
 
@@ -95,7 +107,8 @@ class DeviceSegments {
   std::size_t known_ = 0;  // segments of the timeline that fullest_ is of
   Segments held_;
   std::map<std::uint32_t, Arriving> arriving_;
-  std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
+  std::uint64_t bytes_ = 0, primitives_ = 0, waiting_ = 0, call_ = 0;
+  Clock::time_point called_;  // last, while somebody played
 };
 
 }  // namespace stgs::player

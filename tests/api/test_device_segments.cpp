@@ -66,7 +66,8 @@ class Coming final : public OverTimeline {
 // A player's: what it needs is decoded, and each segment a few pieces long.
 class Decoded final : public OverTimeline {
  public:
-  Decoded() : OverTimeline(make_timeline(kDefaultMemoryBudget, in_tiers())) {
+  explicit Decoded(std::uint64_t budget = kDefaultMemoryBudget)
+      : OverTimeline(make_timeline(budget, in_tiers())) {
     large_->resize(4 * 65536 + 100);
     small_->resize(10);
   }
@@ -78,13 +79,21 @@ class Decoded final : public OverTimeline {
     return needed;
   }
   bool is_playing() const override { return playing; }
+  std::vector<Needed> needed_soon(double /*seconds*/) override { return soon; }
   bool is_first(std::uint32_t segment) const { return reader().segments()[segment].tier == 0; }
-  std::shared_ptr<const Gaussians4D> of_tier(std::uint32_t segment) const {
-    return is_first(segment) ? small_ : large_;
+  std::shared_ptr<const Gaussians4D> of_tier(std::uint32_t segment) {
+    if (!as_in_file) return is_first(segment) ? small_ : large_;
+    auto& set = in_file_[segment];
+    if (set == nullptr) {
+      set = std::make_shared<Gaussians4D>();
+      set->resize(reader().segments()[segment].primitives);
+    }
+    return set;
   }
 
-  bool playing = true;
+  bool playing = true, as_in_file = false;
   std::map<std::uint32_t, std::shared_ptr<const Gaussians4D>> better;
+  std::vector<Needed> soon;
 
  private:
   static WriteSettings in_tiers() {
@@ -93,6 +102,7 @@ class Decoded final : public OverTimeline {
     settings.tiers = 3;
     return settings;
   }
+  std::map<std::uint32_t, std::shared_ptr<Gaussians4D>> in_file_;
   std::shared_ptr<Gaussians4D> large_ = std::make_shared<Gaussians4D>();
   std::shared_ptr<Gaussians4D> small_ = std::make_shared<Gaussians4D>();
 };
@@ -169,7 +179,7 @@ std::size_t all_of(Timeline& timeline, double seconds) {
 TEST_CASE("while it plays, what makes a picture better comes with several pictures") {
   Decoded timeline;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(3);
+  device.piece_takes = std::chrono::milliseconds(8);
   const std::size_t all = all_of(timeline, 1.0);
   auto drawn = device.hold(timeline, 1.0);
   REQUIRE(drawn.ok());
@@ -187,7 +197,7 @@ TEST_CASE("while it plays, what makes a picture better comes with several pictur
     drawn = device.hold(timeline, 1.0);
     REQUIRE(drawn.ok());
     REQUIRE(device.pieces > before);
-    REQUIRE(device.pieces <= before + 2);
+    REQUIRE(device.pieces <= before + 4);
   }
   CHECK(device.sent == static_cast<int>(all));
   CHECK(device.arriving.empty());
@@ -212,6 +222,94 @@ TEST_CASE("while it plays, what makes a picture better comes with several pictur
   }
 }
 
+// What is needed at another moment and not at `seconds`.
+std::vector<Timeline::Needed> only_at(Decoded& timeline, double other, double seconds) {
+  auto there = timeline.needed_at(other);
+  const auto here = timeline.needed_at(seconds);
+  REQUIRE(there.ok());
+  REQUIRE(here.ok());
+  std::erase_if(*there, [&](const auto& one) {
+    return std::any_of(here->begin(), here->end(),
+                       [&](const auto& now) { return now.segment == one.segment; });
+  });
+  REQUIRE_FALSE(there->empty());
+  return std::move(*there);
+}
+
+TEST_CASE("while it plays, what is needed soon is brought ahead and not drawn") {
+  Decoded timeline;
+  CountingDevice device;
+  timeline.soon = only_at(timeline, 2.0, 1.0);
+  const std::size_t all = all_of(timeline, 1.0);
+  const auto is_there = [&](const auto& one) { return device.there.contains(one.segment); };
+  for (int k = 0; k < 1000; ++k) {
+    const auto drawn = device.hold(timeline, 1.0);
+    REQUIRE(drawn.ok());
+    REQUIRE(drawn->size() <= all);
+    if (std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there)) break;
+  }
+  CHECK(std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there));
+  const int sent = device.sent;
+  timeline.soon.clear();
+  REQUIRE(device.hold(timeline, 2.0).ok());
+  CHECK(device.sent == sent);
+}
+
+std::uint64_t bytes_at(Decoded& timeline, double seconds) {
+  const auto needed = timeline.needed_at(seconds);
+  REQUIRE(needed.ok());
+  std::uint64_t bytes = 0;
+  for (const auto& one : *needed) {
+    bytes += kEach * timeline.reader().segments()[one.segment].primitives;
+  }
+  return bytes;
+}
+
+TEST_CASE("with little memory what is not needed goes before what is drawn or comes next") {
+  Decoded whole;
+  const double fuller = bytes_at(whole, 1.0) > bytes_at(whole, 2.0) ? 1.0 : 2.0;
+  const double other = 3.0 - fuller;
+  const auto drawn = whole.needed_at(fuller);
+  REQUIRE(drawn.ok());
+  REQUIRE(drawn->size() > 2);
+  const std::uint32_t changed[] = {drawn->front().segment, drawn->back().segment};
+  std::uint64_t more = 0;
+  for (const std::uint32_t s : changed) more += kEach * whole.reader().segments()[s].primitives;
+  // What is drawn, and the two that change.
+  Decoded timeline(bytes_at(whole, fuller) + more);
+  timeline.as_in_file = true;
+  timeline.playing = false;
+  CountingDevice device;
+  REQUIRE(device.hold(timeline, other).ok());
+  REQUIRE(device.hold(timeline, fuller).ok());
+  REQUIRE(device.there.size() > drawn->size());
+  timeline.playing = true;
+  const auto check_drawn = [&] {
+    for (const auto& one : *drawn) CHECK(device.there.contains(one.segment));
+    CHECK(kEach * device.stored_primitives() <= timeline.memory_budget());
+  };
+
+  SECTION("what has changed stays until a better one is there") {
+    device.piece_takes = std::chrono::milliseconds(26);
+    for (const std::uint32_t s : changed) {
+      timeline.better[s] = std::make_shared<Gaussians4D>(*timeline.of_tier(s));
+    }
+    const int sent = device.sent;
+    for (int k = 1; k <= 2; ++k) {
+      REQUIRE(device.hold(timeline, fuller).ok());
+      CHECK(device.sent == sent + k);
+      check_drawn();
+    }
+  }
+  SECTION("what comes next does not displace it") {
+    timeline.soon = only_at(timeline, other, fuller);
+    for (int k = 0; k < 20; ++k) {
+      REQUIRE(device.hold(timeline, fuller).ok());
+      check_drawn();
+    }
+  }
+}
+
 TEST_CASE("what stands still is all there at once") {
   Decoded timeline;
   timeline.playing = false;
@@ -225,7 +323,7 @@ TEST_CASE("what stands still is all there at once") {
 TEST_CASE("what has not come in time is given up") {
   Decoded timeline;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(5);
+  device.piece_takes = std::chrono::milliseconds(26);  // the longest that a picture waits
   REQUIRE(device.hold(timeline, 1.0).ok());
   REQUIRE(device.arriving.size() == 1);
   const std::uint32_t late = device.arriving.begin()->first;

@@ -66,6 +66,7 @@ class CudaRenderer final : public Renderer {
       list_parts(timeline, alive);
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
+      sums.waiting = segments_.waiting_primitives();
       STGS_TRY(draw_views(timeline, seconds, views));
       sums.alive = frame_.counted().alive;
       sums.drawn = frame_.counted().visible;
@@ -133,6 +134,10 @@ class CudaRenderer final : public Renderer {
     chunks_ = chunks;
   }
 
+  static std::uint64_t instances_guess(std::uint64_t splats) {
+    return std::max(kLeastInstances, kInstancesEach * splats);
+  }
+
   FrameNeed need_of(const std::vector<View>& views) const {
     FrameNeed need;
     need.chunks = std::max(chunks_, chunks_at_fullest());
@@ -143,8 +148,7 @@ class CudaRenderer final : public Renderer {
     };
     need.splats = guess(settings_.splats,
                         std::min(kFirstSplats, std::uint64_t{need.chunks} * kChunk * views.size()));
-    need.instances =
-        guess(settings_.instances, std::max(kLeastInstances, kInstancesEach * need.splats));
+    need.instances = guess(settings_.instances, instances_guess(need.splats));
     return need;
   }
 
@@ -153,6 +157,17 @@ class CudaRenderer final : public Renderer {
     const auto& [primitives, segments] = segments_.fullest();
     return static_cast<std::uint32_t>(
         std::min(primitives / kChunk + segments, kMaxSplats / kChunk));
+  }
+
+  // Where the fullest moment has no room, that of this one may have.
+  Status make_room(FrameNeed& need) {
+    const Status made = buffers_.ensure(need);
+    if (made.ok() || need.chunks <= chunks_) return made;
+    segments_.forget_fullest();
+    need.chunks = chunks_;
+    need.splats = std::min(need.splats, splats_at_most(kMaxViews));
+    need.instances = std::min(need.instances, instances_guess(need.splats));
+    return buffers_.ensure(need);
   }
 
   std::uint64_t splats_at_most(std::size_t views) const {
@@ -171,7 +186,7 @@ class CudaRenderer final : public Renderer {
     // The pictures before may still be read.
     STGS_TRY(cuda_status(cudaEventSynchronize(handed_over_.get()), "waiting for pictures' reader"));
     for (;;) {
-      STGS_TRY(buffers_.ensure(need));
+      STGS_TRY(make_room(need));
       const Status started = frame_.start(views, parts_, degree_, grids_[degree_], buffers_,
                                           settings_.graph, stream_.get());
       // Also after an error: what has begun uses the buffers.

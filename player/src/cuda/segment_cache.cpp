@@ -79,8 +79,10 @@ Status SegmentCache::begin(const SceneReader& reader) {
   return decoder_.set_tables(reader.tables());
 }
 
-// The pool keeps what is given back.
+// The pool keeps what is given back; what another scene left in it need not fit this one.
 void SegmentCache::reserve(std::uint64_t bytes) {
+  (void)cudaStreamSynchronize(stream_.get());
+  (void)cudaMemPoolTrimTo(pool_.get(), 0);
   void* memory = nullptr;
   if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) == cudaSuccess) {
     cudaFreeAsync(memory, stream_.get());

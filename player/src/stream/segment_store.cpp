@@ -180,9 +180,9 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
   if (jumped) to_decode_.notify_all();
 }
 
-bool SegmentStore::is_moving() const {
+Motion SegmentStore::motion() const {
   const std::lock_guard lock(mutex_);
-  return !motion_.still;
+  return motion_;
 }
 
 std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,

@@ -50,7 +50,7 @@ class SegmentStore {
 
   // Where the viewer is now. `jumped`: not where he was about to come.
   void move(const Motion& motion, bool jumped);
-  bool is_moving() const;
+  Motion motion() const;
 
   // What is there of a segment of that generation, or null.
   std::shared_ptr<const HeldSegment> held(std::uint32_t segment, std::uint64_t generation) const;

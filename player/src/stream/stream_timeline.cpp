@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 #include "stgs/format/parallel.h"
@@ -10,6 +11,8 @@
 
 namespace stgs::player {
 namespace {
+
+constexpr double kSoonSeconds = 0.5;  // of the viewer's time
 
 class StreamTimeline final : public Timeline {
  public:
@@ -32,15 +35,39 @@ class StreamTimeline final : public Timeline {
 
   const SceneReader& reader() const override { return *known_.reader; }
   std::uint64_t memory_budget() const override { return store_.memory_budget(); }
-  bool is_playing() const override { return store_.is_moving(); }
+  bool is_playing() const override { return !store_.motion().still; }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
   Result<std::vector<Needed>> needed_at(double seconds) override {
     STGS_ASSIGN(const std::vector<Drawn> drawn, held_at(seconds));
     std::vector<Needed> needed;
-    for (const Drawn& one : drawn) {
-      needed.push_back({one.segment, one.ticks, id_base_[one.segment],
-                        std::shared_ptr<const Gaussians4D>(one.held, &one.held->set)});
+    for (const Drawn& one : drawn) needed.push_back(needed_of(one));
+    return needed;
+  }
+
+  // Where play goes round, what is beyond comes as play gets there.
+  std::vector<Needed> needed_soon(double seconds) override {
+    const Motion motion = store_.motion();
+    if (motion.still || !std::isfinite(seconds)) return {};
+    const double from = metadata().time_base.ticks(seconds);
+    const double to = from + kSoonSeconds * motion.ticks_per_second;
+    std::vector<std::pair<double, std::uint32_t>> coming;  // in so many ticks, segment
+    for (const std::uint32_t s :
+         reader().segments_between(std::min(from, to), std::max(from, to))) {
+      const SegmentInfo& info = reader().segments()[s];
+      const double in = to > from ? info.begin_ticks - from : from - info.end_ticks;
+      if (in > 0) coming.emplace_back(in, s);
+    }
+    std::sort(coming.begin(), coming.end(), [this](const auto& a, const auto& b) {
+      const auto order = [this](const auto& one) {
+        return std::tuple(one.first, reader().segments()[one.second].tier, one.second);
+      };
+      return order(a) < order(b);
+    });
+    std::vector<Needed> needed;
+    for (const auto& [in, segment] : coming) {
+      auto held = store_.held(segment, known_.generation);
+      if (held != nullptr) needed.push_back(needed_of({segment, std::move(held), 0, {}}));
     }
     return needed;
   }
@@ -75,6 +102,11 @@ class StreamTimeline final : public Timeline {
     double ticks = 0;  // the moment in its part
     std::vector<std::uint32_t> candidates;
   };
+
+  Needed needed_of(const Drawn& one) const {
+    return {one.segment, one.ticks, id_base_[one.segment],
+            std::shared_ptr<const Gaussians4D>(one.held, &one.held->set)};
+  }
 
   // What the file is now.
   void look_again() {

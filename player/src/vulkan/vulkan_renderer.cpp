@@ -170,6 +170,7 @@ class ComputeRenderer final : public VulkanRenderer {
     stats = {};
     stats.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
     stats.stored = segments_.stored_primitives();
+    stats.waiting = segments_.waiting_primitives();
     sh_degree_ = timeline.reader().sh_degree();
     for (std::size_t i = 0; i < views.size(); ++i) {
       pictures_[i].width = static_cast<int>(std::lround(views[i].camera.width));
@@ -256,10 +257,16 @@ class ComputeRenderer final : public VulkanRenderer {
     const FrameNeed wanted = need.with(room_);
     room_ = {};  // while it changes, and where it does not come to an end
     const Status made = buffers_.ensure(device_, wanted);
-    if (made.ok()) room_ = wanted;
-    if (!made.ok())
-      wanted_instances_ = 0;  // what is too much for this frame need not be for others
-    return made;
+    if (made.ok()) {
+      room_ = wanted;
+      return made;
+    }
+    wanted_instances_ = 0;  // what is too much for this frame need not be for others
+    if (need.chunks <= chunks_ * views.size()) return made;
+    // Where the fullest moment has no room, that of this one may have.
+    segments_.forget_fullest();
+    buffers_ = {};
+    return make_room(views, to);
   }
 
   PictureBuffers buffers_of(const Picture& picture, const VulkanTarget* to) const {

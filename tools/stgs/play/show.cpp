@@ -224,6 +224,7 @@ class Show {
     STGS_ASSIGN(frame_, renderer_->last_ended());
     // One that lacks splats is drawn again, with the room that it needed, where there is as much.
     if (frame_.number != number_) return {};
+    if (at_end && frame_.stats.waiting > 0) return {};
     if (!frame_.whole) {
       if (++cut_ < kMostTries) return {};
       constexpr const char* kWhy = "the splats touch more tiles than the device can list";

@@ -29,7 +29,10 @@ struct RenderStats {
   std::size_t stored = 0;  // primitives decoded and held; once a call
   std::size_t alive = 0;   // candidates at this moment; once a call
   std::size_t drawn = 0;   // splats in view
-  double fetch_ms = 0;     // finding and decoding what is alive; once a call
+  // Primitives of the moment that are decoded, and that the device gets with later pictures
+  // (Timeline::is_playing): these, or a better version of them, are not drawn. Once a call.
+  std::size_t waiting = 0;
+  double fetch_ms = 0;  // finding and decoding what is alive; once a call
   double slice_ms = 0, bin_ms = 0, blend_ms = 0;
   double device_ms = 0;  // of a device, from the first to the last of it; 0 where there is none
 };

@@ -98,6 +98,9 @@ class Timeline {
   // Whether each picture is soon followed by one of another moment: what makes a picture better,
   // but would keep it waiting, may then come with the next ones.
   virtual bool is_playing() const { return false; }
+  // What is decoded of what follows soon after `seconds` while it plays, soonest first and without
+  // what is alive then, so that it can be brought before it is needed. `ticks` is of no use.
+  virtual std::vector<Needed> needed_soon(double /*seconds*/) { return {}; }
   // No other timeline's while somebody keeps it, and the same as long as this one lives; but
   // another where the index of a recording lists again what damage had hidden, which changes the
   // numbers of segments.
