@@ -440,6 +440,47 @@ TEST_CASE("play goes backwards and round") {
   }));
 }
 
+TEST_CASE(
+    "what follows within half a second is known, the soonest first, whichever way play goes") {
+  for (const double rate : {1.0, 2.0, -1.0}) {
+    CAPTURE(rate);
+    Playing p;
+    Timeline& timeline = p.player->timeline();
+    const double at = 1.51, ticks = timeline.metadata().time_base.ticks(at);
+    REQUIRE(p.player->set_rate(rate).ok());
+    REQUIRE(p.player->seek(at).ok());
+    CHECK(timeline.needed_soon(at).empty());
+    CHECK_FALSE(timeline.is_playing());
+    p.player->play();
+    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+    CHECK(timeline.is_playing());
+
+    const auto in = [&](const SegmentInfo& info) {  // seconds
+      const double far = rate > 0 ? info.begin_ticks - ticks : ticks - info.end_ticks;
+      return timeline.metadata().time_base.seconds(far) / std::abs(rate);
+    };
+    const std::vector<SegmentInfo>& segments = timeline.reader().segments();
+    const auto expected = std::count_if(segments.begin(), segments.end(), [&](const auto& info) {
+      return in(info) > 0 && in(info) <= 0.5;
+    });
+    REQUIRE(expected > 2);
+    std::vector<Timeline::Needed> soon;
+    REQUIRE(p.until([&] {
+      soon = timeline.needed_soon(at);
+      return soon.size() == static_cast<std::size_t>(expected);
+    }));
+    double last = 0;
+    for (const Timeline::Needed& one : soon) {
+      CHECK(one.set != nullptr);
+      CHECK(in(segments[one.segment]) >= last);
+      last = in(segments[one.segment]);
+    }
+    CHECK(last <= 0.5);
+    p.player->pause();
+    CHECK(timeline.needed_soon(at).empty());
+  }
+}
+
 TEST_CASE("all layers of a moment come, however patient the layers are") {
   PlayerSettings settings;
   settings.layer_patience_seconds = 60;
