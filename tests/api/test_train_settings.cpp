@@ -176,7 +176,8 @@ TEST_CASE("what needs weights, another process or another setting is refused wit
   CHECK_FALSE(is_refused({{"perceptual_patch", "32"}}, "vgg.safetensors", nullptr));
   CHECK(is_refused({{"perceptual_patch", "32"}, {"weight_perceptual", "0"}}, "vgg.safetensors",
                    nullptr));
-  CHECK_FALSE(is_refused({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
+  CHECK(is_refused({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
+  CHECK(is_refused({{"score_error", "3"}, {"replace_limit", "0"}}, "", nullptr));
   CHECK(is_refused({{"normal_from", "0.1"}}, "", nullptr));
   for (const char* name :
        {"lr_velocity_final", "still_from", "velocity_share", "velocity_shrink"}) {

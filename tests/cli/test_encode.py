@@ -486,6 +486,9 @@ class Training(Paging):
             scenes.append(self.read("out.stgs"))
         self.assertEqual(scenes[1], scenes[2])
         self.assertEqual(len(set(scenes)), 3)
+        self.fails(USAGE, "names 'lifespan' twice", *args, "--ablate", "lifespan,lifespan")
+        self.fails(USAGE, "--ablate modulation has no effect beside representation",
+                   *args, "--ablate", "representation,modulation")
         self.fails(USAGE, "--ablate: magic not in", *args, "--ablate", "lifespan,magic")
         self.fails(USAGE, "nothing was found to move", *args, "--ablate", "lifespan,initialisation")
 

@@ -52,12 +52,9 @@ class Perceptual(CliTest):
                       result.stderr)
         self.assertEqual(json.loads(self.read("log.jsonl").splitlines()[-1])["perceptual"], 0)
         self.assertIsNone(self.json_of(*self.train())["perceptual"])
-        scene = self.read("out.stgs")
-        self.write("w.safetensors", weights(False))
-        off = self.train("--perceptual-weights", "w.safetensors", "--set", "weight_perceptual=0")
-        result = self.succeeds(*off)
-        self.assertIn(b"perceptual loss: off, for weight_perceptual is 0", result.stderr)
-        self.assertEqual(self.read("out.stgs"), scene)
+        self.fails(USAGE, "--perceptual-weights has no effect where weight_perceptual is 0",
+                   *self.train("--perceptual-weights", "w.safetensors"),
+                   "--set", "weight_perceptual=0")
 
     def test_with_a_file_it_is_on(self):
         self.succeeds(*self.train())

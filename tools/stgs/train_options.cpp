@@ -98,11 +98,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
     if (!bytes.ok()) return usage_error("--frame-memory: {}", bytes.status().message());
     settings.frame_memory = *bytes;
   }
-  // In one order, so that a checkpoint does not depend on how they were typed.
-  for (const std::string& name : encoder::ablation_names()) {
-    if (std::find(ablate_.begin(), ablate_.end(), name) == ablate_.end()) continue;
-    settings.ablate += settings.ablate.empty() ? name : "," + name;
-  }
+  settings.ablate = fmt::format("{}", fmt::join(ablate_, ","));
   settings.resume = resume_;
   settings.checkpoint = checkpoint_;
   settings.checkpoint_interval = checkpoint_interval_;

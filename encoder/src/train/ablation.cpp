@@ -46,9 +46,16 @@ Result<Ablation> Ablation::from_names(const std::string& names) {
     if (named == std::end(kNamed)) {
       return usage_error("unknown ablation '{}': use {}", name, fmt::join(ablation_names(), ", "));
     }
+    if (!(ablation.*named->part)) return usage_error("--ablate names '{}' twice", name);
     ablation.*named->part = false;
   }
-  if (!ablation.representation) ablation.lifespan = ablation.modulation = false;
+  if (!ablation.representation) {
+    if (!ablation.lifespan || !ablation.modulation) {
+      return usage_error("--ablate {} has no effect beside representation; leave it out",
+                         ablation.lifespan ? "modulation" : "lifespan");
+    }
+    ablation.lifespan = ablation.modulation = false;
+  }
   return ablation;
 }
 

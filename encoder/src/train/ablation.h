@@ -21,7 +21,8 @@ struct Ablation {
   // and nothing is replaced. The losses are the same.
   bool densification = true;
 
-  // Names with commas between; "" takes nothing away. The error lists the names.
+  // Names with commas between; "" takes nothing away. The error (kUsage) lists the names, or says
+  // which has no effect beside another.
   static Result<Ablation> from_names(const std::string& names);
   // Of what is taken away, in one order.
   std::vector<std::string> names() const;

@@ -24,10 +24,6 @@ Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
     log(2, "perceptual loss: off, for --perceptual-weights names no file");
     return term;
   }
-  if (parameters.weight_perceptual <= 0) {
-    log(2, "perceptual loss: off, for weight_perceptual is 0");
-    return term;
-  }
   if (parameters.perceptual_patch > 0 && parameters.perceptual_patch < kVggSmallest) {
     return usage_error("perceptual_patch must be 0, the whole picture, or at least {} pixels",
                        kVggSmallest);

@@ -64,6 +64,9 @@ const Idle kIdle[] = {
     {"with --ablate modulation",
      [](const Choice& c) { return !c.ablation.modulation; },
      {"velocity_times_f"}},
+    {"where replace_limit is 0",
+     [](const Choice& c) { return c.parameters.replace_limit == 0; },
+     {"score_error", "score_opacity", "score_lifespan"}},
     {"where weight_normal is 0",
      [](const Choice& c) { return c.parameters.weight_normal == 0; },
      {"normal_from"}},
@@ -80,8 +83,12 @@ const Idle kIdle[] = {
      [](const Choice& c) { return c.settings.ranks == nullptr || c.settings.ranks->size() == 1; },
      {"batch_memory", "batch_rate"}}};
 
-// That each override is of something that is used.
+// That each override is of something that is used, and the perceptual loss's file.
 Status check_used(const Choice& choice) {
+  if (!choice.settings.perceptual_weights.empty() && choice.parameters.weight_perceptual == 0) {
+    return usage_error(
+        "--perceptual-weights has no effect where weight_perceptual is 0; leave one out");
+  }
   for (const auto& [name, value] : choice.settings.overrides) {
     for (const Idle& idle : kIdle) {
       const bool listed =
