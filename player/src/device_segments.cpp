@@ -98,17 +98,22 @@ bool DeviceSegments::has(const Timeline::Needed& asked, bool now) {
   const auto found = held_.find(asked.segment);
   if (found == held_.end()) return false;
   const bool same = same_owner(found->second.set, asked.set);
-  found->second.used = same && now ? call_ : call_ - 1;
+  found->second.used = !now ? call_ - 2 : same ? call_ : call_ - 1;
   return same;
 }
 
 void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
                                std::vector<const Timeline::Needed*>& ahead) {
-  for (std::size_t i = 0; i < ahead.size(); ++i) {
-    more += bytes_of(timeline.reader().segments()[ahead[i]->segment].primitives);
-    make_room(timeline, more, call_ - 1);
-    if (bytes_ + more > timeline.memory_budget()) ahead.resize(i);
+  std::uint64_t stays = more;
+  for (const auto& [segment, held] : held_) stays += held.used >= call_ - 2 ? held.bytes : 0;
+  std::size_t fitting = 0;
+  for (; fitting < ahead.size(); ++fitting) {
+    stays += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
+    if (stays > timeline.memory_budget()) break;
+    more += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
   }
+  ahead.resize(fitting);
+  make_room(timeline, more, call_ - 2);
 }
 
 void DeviceSegments::abandon_others(std::span<const Timeline::Needed* const> these) {
@@ -151,20 +156,25 @@ Status DeviceSegments::send_decoded(const Timeline& timeline,
                                     std::span<const Timeline::Needed* const> ahead) {
   const bool playing = timeline.is_playing();
   const Clock::duration time = time_to_send();
-  const Clock::time_point end = called_ + time;
-  bool enough = false;
-  const auto send_one = [&](const Timeline::Needed& one, bool may_wait) -> Status {
-    for (bool more = true; more && !(may_wait && enough);) {
-      STGS_ASSIGN(more, send_piece(one));
-      if (may_wait) enough = Clock::now() >= end;
-    }
-    return {};
-  };
+  bool waits = false;  // whether there is no more time for what may wait
   for (const Timeline::Needed* one : decoded) {
     const bool first = timeline.reader().segments()[one->segment].tier == 0;
-    STGS_TRY(send_one(*one, playing && (!first || held_.contains(one->segment))));
+    const bool may_wait = playing && (!first || held_.contains(one->segment));
+    for (bool more = true; more && !(may_wait && waits);) {
+      STGS_ASSIGN(more, send_piece(*one));
+      if (may_wait) waits = Clock::now() >= called_ + time;
+    }
   }
-  for (const Timeline::Needed* one : ahead) STGS_TRY(send_one(*one, true));
+  for (const Timeline::Needed* one : ahead) {
+    bool more = true;
+    while (more && Clock::now() < called_ + kLeastSending) {
+      // The picture does without; where it cannot be sent when it is needed, that is told.
+      const Result<bool> sent = send_piece(*one);
+      if (!sent.ok()) return {};
+      more = *sent;
+    }
+    if (more) break;
+  }
   return {};
 }
 
@@ -178,6 +188,7 @@ Status DeviceSegments::change_to(const Timeline& timeline) {
   timeline_.reset();
   sh_degree_ = timeline.reader().sh_degree();
   STGS_TRY(begin(timeline.reader()));
+  no_room_ = false;
   find_fullest(timeline);
   if (fullest_.primitives > 0) reserve(bytes_of(fullest_.primitives));
   timeline_ = timeline.identity();
@@ -185,16 +196,17 @@ Status DeviceSegments::change_to(const Timeline& timeline) {
 }
 
 void DeviceSegments::find_fullest(const Timeline& timeline) {
+  known_ = timeline.reader().segments().size();
+  if (no_room_) return;
   const DecoderNeeds needs = decoder_needs(timeline.reader());
   const std::uint64_t fitting = timeline.memory_budget() / (bytes_of(kPiece) / kPiece);
   fullest_ = {std::min({needs.primitives, fitting, kMostDrawn}),
               std::min(needs.segments, timeline.memory_budget() / bytes_of(1))};
-  known_ = timeline.reader().segments().size();
 }
 
 Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline::Needed> needed,
                                     double seconds) {
-  call_ += 2;
+  call_ += 4;
   const std::vector<Timeline::Needed> soon = timeline.needed_soon(seconds);
   std::vector<const Timeline::Needed*> ahead;
   for (const Timeline::Needed& one : soon) {

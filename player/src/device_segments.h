@@ -35,7 +35,10 @@ class DeviceSegments {
   };
   const Fullest& fullest() const { return fullest_; }
   // The device has no room for it.
-  void forget_fullest() { fullest_ = {}; }
+  void forget_fullest() {
+    fullest_ = {};
+    no_room_ = true;
+  }
 
  protected:
   int sh_degree() const { return sh_degree_; }
@@ -82,8 +85,9 @@ class DeviceSegments {
 
   Status change_to(const Timeline& timeline);
   void find_fullest(const Timeline& timeline);
-  // Whether it is held as it is asked for, where calls are numbered by twos: what is needed now is
-  // used by this call, what will be, or has changed, less than that and more than by any before.
+  // Whether it is held as it is asked for. As calls are numbered by fours, what is needed now has
+  // the highest `used`, then what is drawn until a better version of it has come, then what is
+  // needed soon, and all these a higher one than what is not needed.
   bool has(const Timeline::Needed& asked, bool now);
   void drop(Segments::iterator segment);
   // Drops what was used before a call, the least recent first, until so many bytes more fit.
@@ -104,11 +108,12 @@ class DeviceSegments {
   std::weak_ptr<const void> timeline_;
   int sh_degree_ = 0;
   Fullest fullest_;
+  bool no_room_ = false;   // for it, as the device has told
   std::size_t known_ = 0;  // segments of the timeline that fullest_ is of
   Segments held_;
   std::map<std::uint32_t, Arriving> arriving_;
   std::uint64_t bytes_ = 0, primitives_ = 0, waiting_ = 0, call_ = 0;
-  Clock::time_point called_;  // last, while somebody played
+  Clock::time_point called_;  // last
 };
 
 }  // namespace stgs::player

@@ -290,6 +290,7 @@ TEST_CASE("with little memory what is not needed goes before what is drawn or co
   };
 
   SECTION("what has changed stays until a better one is there") {
+    if (GENERATE(false, true)) timeline.soon = only_at(timeline, other, fuller);
     device.piece_takes = std::chrono::milliseconds(26);
     for (const std::uint32_t s : changed) {
       timeline.better[s] = std::make_shared<Gaussians4D>(*timeline.of_tier(s));

@@ -481,6 +481,31 @@ TEST_CASE(
   }
 }
 
+TEST_CASE("where play goes round, the other end of the clip comes soon") {
+  for (const double rate : {1.0, -1.0}) {
+    CAPTURE(rate);
+    Playing p;
+    Timeline& timeline = p.player->timeline();
+    const double at = rate > 0 ? 2.9 : 0.05;
+    REQUIRE(p.player->set_rate(rate).ok());
+    REQUIRE(p.player->seek(at).ok());
+    const std::vector<SegmentInfo>& segments = timeline.reader().segments();
+    const auto other_end = [&](const Timeline::Needed& one) {
+      const SegmentInfo& info = segments[one.segment];
+      return info.level == 0 && (rate > 0 ? info.begin_ticks == 0 : info.end_ticks == kFrames);
+    };
+    const auto comes_soon = [&] {
+      const std::vector<Timeline::Needed> soon = timeline.needed_soon(at);
+      return std::any_of(soon.begin(), soon.end(), other_end);
+    };
+    p.player->play();
+    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+    CHECK_FALSE(comes_soon());
+    p.player->set_loop(true);
+    CHECK(p.until(comes_soon));
+  }
+}
+
 TEST_CASE("all layers of a moment come, however patient the layers are") {
   PlayerSettings settings;
   settings.layer_patience_seconds = 60;

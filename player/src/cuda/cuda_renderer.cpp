@@ -164,6 +164,7 @@ class CudaRenderer final : public Renderer {
     const Status made = buffers_.ensure(need);
     if (made.ok() || need.chunks <= chunks_) return made;
     segments_.forget_fullest();
+    buffers_.reset();
     need.chunks = chunks_;
     need.splats = std::min(need.splats, splats_at_most(kMaxViews));
     need.instances = std::min(need.instances, instances_guess(need.splats));

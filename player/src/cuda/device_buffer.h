@@ -26,11 +26,14 @@ class GrowingBuffer {
   GrowingBuffer& operator=(const GrowingBuffer&) = delete;
   ~GrowingBuffer() { kFree(data_); }
 
-  Status ensure(std::size_t bytes) {
-    if (bytes <= bytes_) return {};
+  void reset() {
     kFree(data_);
     data_ = nullptr;
     bytes_ = 0;
+  }
+  Status ensure(std::size_t bytes) {
+    if (bytes <= bytes_) return {};
+    reset();
     const std::size_t wanted = bytes + bytes / 4;
     if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
       (void)cudaGetLastError();  // told here, and remembered no longer

@@ -98,6 +98,14 @@ Status FrameBuffers::ensure(const FrameNeed& need) {
   return {};
 }
 
+void FrameBuffers::reset() {
+  for (DeviceBuffer* buffer :
+       {&cleared_, &candidates_, &splats_, &depths_, &instances_, &patches_}) {
+    buffer->reset();
+  }
+  capacity_ = {};
+}
+
 Workspace FrameBuffers::workspace(std::uint32_t tiles) const {
   Workspace w = laid_out_;
   w.tile_passes = tile_passes(tiles);

@@ -22,6 +22,8 @@ class FrameBuffers {
   // Makes room; what the buffers held is lost where they grow, and addresses change. kRuntime
   // where the device has no memory left.
   Status ensure(const FrameNeed& need);
+  // Gives all of it back.
+  void reset();
   // Counts up when addresses have changed.
   std::uint64_t generation() const { return generation_; }
   std::uint64_t splat_capacity() const { return capacity_.splats; }

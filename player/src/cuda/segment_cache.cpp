@@ -113,16 +113,15 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::si
   const auto n = static_cast<std::uint32_t>(set.size());
   if (first == 0) {
     abandon(segment);
-    std::uint8_t* fresh = nullptr;
-    STGS_TRY(allocate(n, fresh));
-    arriving_.emplace(segment, fresh);
+    STGS_TRY(allocate(n, arriving_[segment]));
   }
   const auto count = static_cast<std::uint32_t>(std::min(kPiece, n - first));
   STGS_TRY(lay_out(set, {static_cast<std::uint32_t>(first), count, n}, arriving_.at(segment)));
   if (first + count < n) return {};
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out"));
-  std::uint8_t* const fresh = arriving_.extract(segment).mapped();
-  take_in(segment, n, fresh);
+  release(segment);
+  resident_.insert(arriving_.extract(segment));
+  keep(segment, n, bytes_of(n));
   return {};
 }
 

@@ -45,27 +45,19 @@ class StreamTimeline final : public Timeline {
     return needed;
   }
 
-  // Where play goes round, what is beyond comes as play gets there.
   std::vector<Needed> needed_soon(double seconds) override {
-    const Motion motion = store_.motion();
+    Motion motion = store_.motion();
     if (motion.still || !std::isfinite(seconds)) return {};
-    const double from = metadata().time_base.ticks(seconds);
-    const double to = from + kSoonSeconds * motion.ticks_per_second;
-    std::vector<std::pair<double, std::uint32_t>> coming;  // in so many ticks, segment
-    for (const std::uint32_t s :
-         reader().segments_between(std::min(from, to), std::max(from, to))) {
-      const SegmentInfo& info = reader().segments()[s];
-      const double in = to > from ? info.begin_ticks - from : from - info.end_ticks;
-      if (in > 0) coming.emplace_back(in, s);
+    motion.ticks = std::clamp(metadata().time_base.ticks(seconds), 0.0, motion.duration);
+    const std::vector<SegmentInfo>& segments = reader().segments();
+    std::vector<std::tuple<double, int, std::uint32_t>> coming;  // seconds, tier, segment
+    for (const std::uint32_t s : near(motion)) {
+      const double in = need_of(segments[s].begin_ticks, segments[s].end_ticks, motion).from;
+      if (in <= kSoonSeconds) coming.emplace_back(in, segments[s].tier, s);
     }
-    std::sort(coming.begin(), coming.end(), [this](const auto& a, const auto& b) {
-      const auto order = [this](const auto& one) {
-        return std::tuple(one.first, reader().segments()[one.second].tier, one.second);
-      };
-      return order(a) < order(b);
-    });
+    std::sort(coming.begin(), coming.end());
     std::vector<Needed> needed;
-    for (const auto& [in, segment] : coming) {
+    for (const auto& [in, tier, segment] : coming) {
       auto held = store_.held(segment, known_.generation);
       if (held != nullptr) needed.push_back(needed_of({segment, std::move(held), 0, {}}));
     }
@@ -102,6 +94,25 @@ class StreamTimeline final : public Timeline {
     double ticks = 0;  // the moment in its part
     std::vector<std::uint32_t> candidates;
   };
+
+  // Ascending: all that somebody who moves on may see soon, and more, but what he sees.
+  std::vector<std::uint32_t> near(const Motion& motion) const {
+    const double at = motion.ticks, to = at + kSoonSeconds * motion.ticks_per_second;
+    std::vector<std::uint32_t> near = reader().segments_between(std::min(at, to), std::max(at, to));
+    if (motion.loop && (to < 0 || to > motion.duration)) {
+      const double round = to < 0 ? to + motion.duration : to - motion.duration;
+      const auto beyond = to < 0 ? reader().segments_between(round, motion.duration)
+                                 : reader().segments_between(0, round);
+      near.insert(near.end(), beyond.begin(), beyond.end());
+    }
+    std::sort(near.begin(), near.end());
+    near.erase(std::unique(near.begin(), near.end()), near.end());
+    std::vector<std::uint32_t> alive = reader().segments_between(at, at);
+    std::sort(alive.begin(), alive.end());
+    std::erase_if(
+        near, [&](std::uint32_t s) { return std::binary_search(alive.begin(), alive.end(), s); });
+    return near;
+  }
 
   Needed needed_of(const Drawn& one) const {
     return {one.segment, one.ticks, id_base_[one.segment],

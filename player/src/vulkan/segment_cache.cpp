@@ -44,6 +44,7 @@ void SegmentCache::give_back(Pieces& pieces, std::uint32_t segment) {
   const auto found = pieces.find(segment);
   if (found == pieces.end()) return;
   for (const Piece& piece : found->second) {
+    if (piece.room.bytes == 0) continue;  // it got none
     const auto waits = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
       return copy.room.block == piece.room.block && copy.room.offset == piece.room.offset;
     });
@@ -83,11 +84,10 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::si
       memory_.block_bytes() / (packed_bytes_each(sh_degree()) * kGroup) * kGroup;
   const std::size_t end = std::min(first + kPiece, set.size());
   while (first < end) {
-    Piece piece;
+    pieces.emplace_back();  // it holds what the room takes, whatever happens
+    Piece& piece = pieces.back();
     piece.primitives = static_cast<std::uint32_t>(std::min<std::uint64_t>(end - first, fitting));
-    const Status status = send_room(set, first, piece);
-    if (piece.room.bytes > 0) pieces.push_back(piece);
-    STGS_TRY(status);
+    STGS_TRY(send_room(set, first, piece));
     first += piece.primitives;
   }
   if (end < set.size()) return {};
@@ -120,6 +120,7 @@ Status SegmentCache::send_room(const Gaussians4D& set, std::size_t first, Piece&
   const std::uint64_t bytes = packed_bytes(piece.primitives, sh_degree());
   STGS_ASSIGN(Buffer from, host_buffer(bytes));
   pack_segment(set, first, piece.primitives, sh_degree(), from.mapped());
+  copies_.reserve(copies_.size() + 1);
   STGS_ASSIGN(piece.room, memory_.take(bytes));
   copies_.push_back({piece.room, std::move(from)});
   waiting_ += piece.room.bytes;

@@ -31,6 +31,7 @@ constexpr double kFast = 4;               // times that, with the shift key
 constexpr double kJump = 1;               // seconds, of an arrow with the shift key
 constexpr double kRecent = 1;             // seconds that the rate of pictures is taken over
 constexpr int kMostTries = 4;             // at a picture with room for all its splats
+constexpr int kMostLate = 600;  // pictures, while it plays, for one with all that has come
 
 // The rate of pictures of late.
 class PictureRate {
@@ -224,7 +225,7 @@ class Show {
     STGS_ASSIGN(frame_, renderer_->last_ended());
     // One that lacks splats is drawn again, with the room that it needed, where there is as much.
     if (frame_.number != number_) return {};
-    if (at_end && frame_.stats.waiting > 0) return {};
+    if (at_end && frame_.stats.waiting > 0 && ++late_ < kMostLate) return {};
     if (!frame_.whole) {
       if (++cut_ < kMostTries) return {};
       constexpr const char* kWhy = "the splats touch more tiles than the device can list";
@@ -235,6 +236,11 @@ class Show {
     cut_ = 0;
     if (at_end) {
       done_ = true;
+      if (frame_.stats.waiting > 0) {
+        session_.log(1, fmt::format("{}: the screenshot lacks {} primitives that the device had "
+                                    "not got yet; use --paused",
+                                    moment_name(file(), report_.seconds), frame_.stats.waiting));
+      }
       if (!playback_.is_whole()) {
         session_.log(1, fmt::format("{}: the screenshot lacks what is damaged, could not be read, "
                                     "or has no room in --memory",
@@ -365,6 +371,7 @@ class Show {
   bool follows_ = false;  // the next picture the last, at once
   double drawn_ = 0;      // the last picture, seconds
   int cut_ = 0;           // tries at a screenshot that lacked splats
+  int late_ = 0;          // pictures in whose stead the next was to be kept
   bool moved_ = false;    // the camera, or the viewer is about to
   std::future<Result<std::string>> saving_;
 };
