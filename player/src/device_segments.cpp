@@ -16,7 +16,7 @@ constexpr std::uint64_t kBatch = 1 << 19;
 constexpr std::uint64_t kMostDrawn = 1 << 28;  // that a frame of any backend numbers
 // Of a picture while somebody plays, for what may come later: at 100 a second the least leaves as
 // much to draw it.
-constexpr std::chrono::milliseconds kLeastSending{4}, kMostSending{25};
+constexpr std::chrono::milliseconds kLeastSending{4}, kMostSending{250};
 
 template <typename T>
 bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
@@ -145,8 +145,9 @@ Result<bool> DeviceSegments::send_piece(const Timeline::Needed& needed) {
 }
 
 // A quarter of the time from picture to picture.
-DeviceSegments::Clock::duration DeviceSegments::time_to_send() {
+DeviceSegments::Clock::duration DeviceSegments::time_to_send(bool playing) {
   const Clock::time_point before = std::exchange(called_, Clock::now());
+  if (!std::exchange(played_, playing)) return kLeastSending;
   return std::clamp<Clock::duration>((called_ - before) / 4, kLeastSending, kMostSending);
 }
 
@@ -155,7 +156,7 @@ Status DeviceSegments::send_decoded(const Timeline& timeline,
                                     std::span<const Timeline::Needed* const> decoded,
                                     std::span<const Timeline::Needed* const> ahead) {
   const bool playing = timeline.is_playing();
-  const Clock::duration time = time_to_send();
+  const Clock::duration time = time_to_send(playing);
   bool waits = false;  // whether there is no more time for what may wait
   for (const Timeline::Needed* one : decoded) {
     const bool first = timeline.reader().segments()[one->segment].tier == 0;

@@ -101,7 +101,7 @@ class DeviceSegments {
                       std::span<const Timeline::Needed* const> ahead);
   // One piece; whether there are more.
   Result<bool> send_piece(const Timeline::Needed& needed);
-  Clock::duration time_to_send();
+  Clock::duration time_to_send(bool playing);
   Status make_present(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
   Status decode_all(Timeline& timeline, std::span<const std::uint32_t> segments);
 
@@ -114,6 +114,7 @@ class DeviceSegments {
   std::map<std::uint32_t, Arriving> arriving_;
   std::uint64_t bytes_ = 0, primitives_ = 0, waiting_ = 0, call_ = 0;
   Clock::time_point called_;  // last
+  bool played_ = false;       // then
 };
 
 }  // namespace stgs::player

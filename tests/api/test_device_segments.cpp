@@ -324,7 +324,7 @@ TEST_CASE("what stands still is all there at once") {
 TEST_CASE("what has not come in time is given up") {
   Decoded timeline;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(26);  // the longest that a picture waits
+  device.piece_takes = std::chrono::milliseconds(26);  // more than a picture waits
   REQUIRE(device.hold(timeline, 1.0).ok());
   REQUIRE(device.arriving.size() == 1);
   const std::uint32_t late = device.arriving.begin()->first;
