@@ -352,7 +352,7 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
 Result<std::unique_ptr<Player>> Player::open(const std::string& place,
                                              const PlayerSettings& settings) {
   STGS_TRY(check(settings));
-  const auto transfers = std::make_shared<TransferEvents>();
+  const auto transfers = std::make_shared<TransferEvents>(settings.on_opening);
   std::stop_source stop;
   // Who stops the transfers of his settings stops the player's.
   const auto linked = std::make_shared<std::stop_callback<std::function<void()>>>(
@@ -365,8 +365,10 @@ Result<std::unique_ptr<Player>> Player::open(const std::string& place,
     if (told) told(event);
   };
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place, http));
-  return make(
+  auto player = make(
       std::move(source), settings, [stop, linked]() mutable { stop.request_stop(); }, transfers);
+  transfers->opened();
+  return player;
 }
 
 Result<std::unique_ptr<Player>> Player::over(std::unique_ptr<ByteSource> source,

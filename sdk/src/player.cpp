@@ -149,19 +149,28 @@ void stgs_player::tell(Event event) noexcept {
   events.add(std::move(event));
 }
 
+void stgs_player::tell(PlayerEvent& from) {
+  Event event;
+  event.event.kind = kind_of(from.kind);
+  event.event.result = stgs::sdk::result_of(from.code, from.message);
+  event.event.seconds = from.seconds;
+  const bool of_file = event.event.result != STGS_OK;
+  event.event.offset = of_file ? from.offset : STGS_NO_OFFSET;
+  event.event.layers = from.layers;
+  event.message = std::move(from.message);
+  tell(std::move(event));
+}
+
+void stgs_player::take_opening_events() {
+  const std::lock_guard lock(opening_mutex);
+  for (PlayerEvent& from : opening_events) tell(from);
+  opening_events.clear();
+}
+
 void stgs_player::take_events() {
+  take_opening_events();
   if (player == nullptr) return;
-  for (PlayerEvent& from : player->take_events()) {
-    Event event;
-    event.event.kind = kind_of(from.kind);
-    event.event.result = stgs::sdk::result_of(from.code, from.message);
-    event.event.seconds = from.seconds;
-    const bool of_file = event.event.result != STGS_OK;
-    event.event.offset = of_file ? from.offset : STGS_NO_OFFSET;
-    event.event.layers = from.layers;
-    event.message = std::move(from.message);
-    tell(std::move(event));
-  }
+  for (PlayerEvent& from : player->take_events()) tell(from);
 }
 
 extern "C" {
@@ -192,6 +201,10 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
     player->tasks = stgs::sdk::caller_tasks(known.task_runner);
     player->wanted.task_runner = player->tasks.get();
     player->wanted.http.stop = player->stop.get_token();
+    player->wanted.on_opening = [to = player.get()](const PlayerEvent& event) {
+      const std::lock_guard lock(to->opening_mutex);
+      to->opening_events.push_back(event);
+    };
     player->scene.log = {known.log, known.log_user};
     *out = player.release();
     return STGS_OK;

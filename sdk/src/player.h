@@ -4,6 +4,7 @@
 #include <functional>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -60,10 +61,12 @@ struct stgs_player {
   stgs::player::PlayerSettings wanted;
   std::stop_source stop;
   std::function<void()> interrupt;
-  std::future<Opened> opening;                   // valid: until its end has been noted
-  stgs::sdk::Outcome opened;                     // how the last opening ended
-  bool has_ended = false;                        // whether one has
-  std::unique_ptr<stgs::player::Player> player;  // null: not open
+  std::mutex opening_mutex;
+  std::vector<stgs::player::PlayerEvent> opening_events;  // that are still to be told
+  std::future<Opened> opening;                            // valid: until its end has been noted
+  stgs::sdk::Outcome opened;                              // how the last opening ended
+  bool has_ended = false;                                 // whether one has
+  std::unique_ptr<stgs::player::Player> player;           // null: not open
 
   // Before the file is open: for then.
   bool playing = false, loop = false;
@@ -77,9 +80,11 @@ struct stgs_player {
   // Takes note of the end of opening, where it has ended or is waited for.
   void note_opened(bool wait);
   void tell(Event event) noexcept;
-  // Takes what the player tells.
+  // Takes what the opening and the player tell.
   void take_events();
 
  private:
+  void tell(stgs::player::PlayerEvent& from);
+  void take_opening_events();
   stgs::sdk::Outcome take_opened();
 };

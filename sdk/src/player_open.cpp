@@ -95,6 +95,7 @@ void stgs_player::note_opened(bool wait) {
   if (!wait && opening.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
   opened = take_opened();
   has_ended = true;
+  take_opening_events();
   const bool ok = opened.result == STGS_OK;
   if (!ok) interrupt = nullptr;  // closes a source of the caller's
   stgs::sdk::LastError error_of_opening;

@@ -244,6 +244,22 @@ TEST_CASE("a file that cannot be opened is told, and another may be tried", "[sd
         STGS_ERROR_ARGUMENT);
 }
 
+TEST_CASE("what an opening that fails has tried is told before that it failed", "[sdk]") {
+  stgs_player_settings settings = player_settings();
+  settings.url_tries = 3;
+  const PlayerPtr player = make_player(&settings);
+  REQUIRE(stgs_player_open(player.get(), "http://127.0.0.1:1/nobody.stgs") == STGS_OK);
+  std::vector<int> kinds;
+  REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status& status) {
+    for (const auto& one : take_events(player.get())) kinds.push_back(one.event.kind);
+    return status.state == STGS_PLAYER_CLOSED;
+  }));
+  for (const auto& one : take_events(player.get())) kinds.push_back(one.event.kind);
+  const bool fetches = stgs_player_wait_open(player.get()) == STGS_ERROR_IO;  // else not built
+  const int retry = STGS_EVENT_RETRY, failed = STGS_EVENT_FAILED;
+  CHECK(kinds == (fetches ? std::vector{retry, retry, failed} : std::vector{failed}));
+}
+
 TEST_CASE("a player's limits hold before anything is fetched", "[sdk]") {
   stgs_player_settings settings = player_settings();
   SECTION("bytes") {

@@ -227,6 +227,9 @@ class Reading(CliTest):
                 self.assertEqual(play["pictures"], 8)
                 self.assertLessEqual(play["drawing"]["frame_ms"]["p99"], play["longest_ms"])
                 self.assertLessEqual(play["fetch_share"], 1)
+                self.assertEqual(play["lost"], 0)
+                if through == "timeline":
+                    self.assertEqual(play["incomplete"], 0)
         # No picture of this size is drawn in a ten thousandth of a second by a processor.
         late = self.json_of("bench", scene, "--play", "timeline", "--frames", "1", "--refresh",
                             "10000", "--size", "640x480", "--backend", "cpu")["play"]

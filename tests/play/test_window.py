@@ -278,6 +278,14 @@ class WindowTest(unittest.TestCase):
             self.assertEqual(process.returncode, 0, error)
             self.assertLess(time.monotonic() - begin, 8)  # connections give up after 10
 
+    def test_a_server_that_is_not_there_is_tried_again_and_told(self):
+        with socket.socket() as nobody:
+            nobody.bind(("127.0.0.1", 0))  # and does not listen
+            process = self.start(f"http://127.0.0.1:{nobody.getsockname()[1]}/scene.stgs")
+            _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 2, error)
+        self.assertIn("trying again", error.split("stgs: error:")[0])
+
     def test_an_interrupt_ends_it(self):
         process = self.start("scene.stgs", "--loop")
         self.window_of("random scene")

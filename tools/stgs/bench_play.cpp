@@ -9,13 +9,15 @@
 #include <thread>
 #include <utility>
 
+#include "losses.h"
 #include "stgs/player/player.h"
 
 namespace stgs::tools {
 namespace {
 
-constexpr double kPoll = 0.001;   // seconds
-constexpr double kPatience = 60;  // seconds without a byte that play is given to begin
+constexpr double kPoll = 0.001;  // seconds
+// Seconds without a byte that play is given to begin, and once something could not be read.
+constexpr double kPatience = 60, kLostPatience = 10;
 constexpr double kMostPictures = 1e7;
 
 void sleep(double seconds) {
@@ -31,6 +33,8 @@ class TimelinePlayback final : public MeasuredPlayback {
     return std::fmod(passed * rate_, timeline_->duration_seconds());
   }
   bool waits() const override { return false; }
+  bool is_whole() const override { return true; }
+  int tell(Session& /*session*/) override { return 0; }
 
  private:
   std::unique_ptr<player::Timeline> timeline_;
@@ -39,6 +43,8 @@ class TimelinePlayback final : public MeasuredPlayback {
 
 class PlayerPlayback final : public MeasuredPlayback {
  public:
+  using Event = player::PlayerEvent;
+
   explicit PlayerPlayback(std::unique_ptr<player::Player> player) : player_(std::move(player)) {}
   player::Timeline& timeline() override { return player_->timeline(); }
   Result<double> advance(double passed) override {
@@ -46,6 +52,16 @@ class PlayerPlayback final : public MeasuredPlayback {
     return player_->advance(passed);
   }
   bool waits() const override { return player_->state() == player::PlayerState::kBuffering; }
+  bool is_whole() const override { return player_->layers() >= player_->layers_of_file(); }
+  int tell(Session& session) override {
+    take_events();
+    int lost = 0;
+    for (const Event& event : std::exchange(events_, {})) {
+      tell_event(session, event);
+      lost += event.kind != Event::Kind::kRetry;
+    }
+    return lost;
+  }
 
  private:
   // The player's clock stands at 0 meanwhile, and goes on from there.
@@ -54,18 +70,15 @@ class PlayerPlayback final : public MeasuredPlayback {
     std::uint64_t fetched = 0;
     double come = now_seconds();  // the last bytes
     while (player_->advance(0), player_->state() != player::PlayerState::kPlaying) {
-      for (const player::PlayerEvent& event : player_->take_events()) {
-        if (event.kind == player::PlayerEvent::Kind::kLost) {
-          return io_error("play cannot begin: {}", event.message);
-        }
-      }
+      take_events();
       if (interrupted()) return runtime_error("play has not begun");
       const double now = now_seconds();
       if (std::uint64_t so_far = player_->statistics().fetched_bytes; so_far != fetched) {
         fetched = so_far;
         come = now;
       }
-      if (now - come > kPatience) {
+      if (now - come > (events_.empty() ? kPatience : kLostPatience)) {
+        if (!events_.empty()) return io_error("play cannot begin: {}", events_.back().message);
         return runtime_error("play has not begun, and nothing has come for {} s", kPatience);
       }
       sleep(kPoll);
@@ -73,7 +86,15 @@ class PlayerPlayback final : public MeasuredPlayback {
     return {};
   }
 
+  // Keeps those that tell of something wrong.
+  void take_events() {
+    for (Event& event : player_->take_events()) {
+      if (!event.message.empty()) events_.push_back(std::move(event));
+    }
+  }
+
   std::unique_ptr<player::Player> player_;
+  std::vector<Event> events_;  // that are still to be told
 };
 
 }  // namespace
@@ -87,6 +108,7 @@ Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource
                                                       std::uint64_t memory_budget, double rate) {
   player::PlayerSettings settings;
   settings.memory_budget = memory_budget;
+  settings.live.follow = false;  // frames of what there is, from the beginning
   STGS_ASSIGN(auto player, player::Player::over(std::move(source), settings));
   STGS_TRY(player->set_rate(rate));
   player->set_loop(true);
@@ -127,9 +149,11 @@ Result<Played> play(Session& session, MeasuredPlayback& playback, player::Render
       out.pass.add(1e3 * (end - begun), stats);
       out.missed += end - start > due + period;
       out.waited += playback.waits();
+      out.incomplete += !playback.is_whole() || stats.waiting > 0;
     } else {
       ++out.missed;
     }
+    out.lost += playback.tell(session);
     if (!session.progress("play", static_cast<std::size_t>(k) + 1,
                           static_cast<std::size_t>(out.pictures))) {
       return runtime_error("the measurement is not complete");
@@ -147,6 +171,8 @@ Json to_json(const Played& played, const PlaySettings& settings) {
           {"pictures", played.pictures},
           {"missed", played.missed},
           {"waited", played.waited},
+          {"incomplete", played.incomplete},
+          {"lost", played.lost},
           {"start_ms", played.start_ms},
           {"longest_ms", percentile(pass.frame, 1)},
           {"fetch_share", sum(pass.fetch) / std::max(sum(pass.frame), 1e-9)},
@@ -158,10 +184,10 @@ std::string to_text(const Played& played, const PlaySettings& settings) {
   const Pass& pass = played.pass;
   return fmt::format(
       "{} frames at {} times their rate, {} pictures a second: {} of {} missed, {} waited for what "
-      "is next; the first after {:.1f} ms, the longest {:.3f} ms\n"
+      "is next, {} lacked layers; the first after {:.1f} ms, the longest {:.3f} ms\n"
       "fetching is {:.1f} % of drawing, drawing {:.1f} % of the time\n{}",
       settings.frames, settings.rate, settings.refresh, played.missed, played.pictures,
-      played.waited, played.start_ms, percentile(pass.frame, 1),
+      played.waited, played.incomplete, played.start_ms, percentile(pass.frame, 1),
       1e2 * sum(pass.fetch) / std::max(sum(pass.frame), 1e-9),
       1e-1 * sum(pass.frame) / played.seconds, to_text("play", pass));
 }

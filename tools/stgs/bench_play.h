@@ -28,6 +28,10 @@ class MeasuredPlayback {
   virtual Result<double> advance(double passed) = 0;
   // Whether it stood still at the last moment, for want of what is next.
   virtual bool waits() const = 0;
+  // Whether all layers of the last moment had come.
+  virtual bool is_whole() const = 0;
+  // Warns of what has happened since the last call, and counts it where it was lost.
+  virtual int tell(Session& session) = 0;
 };
 
 // "timeline": a moment's segments are decoded when it is drawn, by the renderer's device.
@@ -42,6 +46,8 @@ struct Played {
   int pictures = 0;     // of the display
   int missed = 0;       // of these: not ready when the next was due
   int waited = 0;       // of these: play stood still
+  int incomplete = 0;   // of these: drawn, but without all that the file has of the moment
+  int lost = 0;         // times that a piece of the file could not be read
   double start_ms = 0;  // until the first picture, drawn before the clock starts
   double seconds = 0;   // from then on
 };

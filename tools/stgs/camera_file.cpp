@@ -2,6 +2,7 @@
 #include "camera_file.h"
 
 #include <cerrno>
+#include <filesystem>
 #include <fstream>
 
 #include "stgs/encoder/camera_json.h"
@@ -10,6 +11,10 @@
 namespace stgs::tools {
 
 Result<encoder::Camera> read_camera(const std::string& path) {
+  std::error_code none;
+  if (std::filesystem::is_directory(path, none)) {
+    return io_error("{}: cannot open this camera file: it is a folder", path);
+  }
   errno = 0;
   std::ifstream file(path);
   if (!file) return io_error("{}: cannot open this camera file: {}", path, system_message(errno));

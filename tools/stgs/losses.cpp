@@ -36,6 +36,20 @@ Json losses_json(const player::Timeline& timeline) {
   return {{"segments", whole(timeline)}, {"harmonics", without_harmonics(timeline)}};
 }
 
+const char* event_text(player::PlayerEvent::Kind kind) {
+  using Kind = player::PlayerEvent::Kind;
+  return kind == Kind::kRetry      ? "trying again"
+         : kind == Kind::kLost     ? "missing for now"
+         : kind == Kind::kReplaced ? "nothing more of it comes"
+         : kind == Kind::kStalled  ? "waiting for the recorder"
+                                   : "damaged, left out";
+}
+
+void tell_event(Session& session, const player::PlayerEvent& event) {
+  session.log(
+      1, fmt::format("at byte {}: {} ({})", event.offset, event.message, event_text(event.kind)));
+}
+
 void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,
                  const TimeBase& time_base) {
   for (const std::string& line : losses_text(losses, time_base)) {

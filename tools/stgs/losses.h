@@ -4,6 +4,7 @@
 
 #include "session.h"
 #include "stgs/format/scene_losses.h"
+#include "stgs/player/player.h"
 #include "stgs/player/timeline.h"
 
 namespace stgs::tools {
@@ -14,6 +15,11 @@ void tell_damage(Session& session, const player::Timeline& timeline);
 void tell_losses(Session& session, const player::Timeline& timeline);
 // How many of each: {"segments", "harmonics"}.
 Json losses_json(const player::Timeline& timeline);
+
+// What an event that has a message tells, in a few words.
+const char* event_text(player::PlayerEvent::Kind kind);
+// Warns of such an event.
+void tell_event(Session& session, const player::PlayerEvent& event);
 
 // Warns of what could not be read of a whole file.
 void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,

@@ -2,6 +2,7 @@
 // What transfers met with, until it is asked for.
 #pragma once
 
+#include <functional>
 #include <mutex>
 #include <string>
 #include <utility>
@@ -16,6 +17,14 @@ namespace stgs::player {
 // Thread-safe; to add one does not throw.
 class TransferEvents {
  public:
+  // Those until opened() go to `on_opening`, where it is set.
+  explicit TransferEvents(std::function<void(const PlayerEvent&)> on_opening = {})
+      : on_opening_(std::move(on_opening)) {}
+  void opened() {
+    const std::lock_guard lock(mutex_);
+    on_opening_ = nullptr;
+  }
+
   void add(const TransferEvent& event) {
     if (event.kind == TransferEvent::Kind::kFailed) return;  // the pieces tell
     if (event.kind == TransferEvent::Kind::kReplaced) {
@@ -40,10 +49,16 @@ class TransferEvents {
   void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
     PlayerEvent event = event_of(kind, offset, StatusCode::kIo, message);
     const std::lock_guard lock(mutex_);
-    events_.add(std::move(event));
+    if (!on_opening_) return events_.add(std::move(event));
+    try {
+      on_opening_(event);
+    } catch (...) {
+      events_.add(std::move(event));  // he has no memory for it now
+    }
   }
 
   std::mutex mutex_;
+  std::function<void(const PlayerEvent&)> on_opening_;
   EventQueue events_;
   bool replaced_ = false;
 };

@@ -24,6 +24,10 @@ Playback::Playback(Session& session, const PlaybackSettings& settings)
   player::PlayerSettings of_player;
   of_player.memory_budget = settings.memory;
   of_player.http.stop = stop_.get_token();
+  of_player.on_opening = [this](const PlayerEvent& event) {
+    const std::lock_guard lock(opening_mutex_);
+    opening_events_.push_back(event);
+  };
   opening_ = std::async(std::launch::async, [file = settings.file, of_player] {
     return player::Player::open(file, of_player);
   });
@@ -36,7 +40,13 @@ Playback::~Playback() {
 
 Result<bool> Playback::is_open() {
   if (player_ != nullptr) return true;
-  if (opening_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+  const bool ended = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  {
+    const std::lock_guard lock(opening_mutex_);
+    for (const PlayerEvent& event : opening_events_) tell_event(session_, event);
+    opening_events_.clear();
+  }
+  if (!ended) return false;
   STGS_ASSIGN(player_, opening_.get());
   STGS_TRY(begin());
   return true;
@@ -145,13 +155,8 @@ void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
     if (event.kind == PlayerEvent::Kind::kBuffering) ++stalls_;
     if (event.message.empty()) continue;
-    const char* what = event.kind == PlayerEvent::Kind::kRetry      ? "trying again"
-                       : event.kind == PlayerEvent::Kind::kLost     ? "missing for now"
-                       : event.kind == PlayerEvent::Kind::kReplaced ? "nothing more of it comes"
-                       : event.kind == PlayerEvent::Kind::kStalled  ? "waiting for the recorder"
-                                                                    : "damaged, left out";
-    notices_.push_back({now, fmt::format("{}: {}", what, event.message)});
-    session_.log(1, fmt::format("at byte {}: {} ({})", event.offset, event.message, what));
+    notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
+    tell_event(session_, event);
   }
 }
 

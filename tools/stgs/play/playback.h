@@ -6,6 +6,7 @@
 #include <deque>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -71,6 +72,8 @@ class Playback {
   Session& session_;
   const PlaybackSettings settings_;
   std::stop_source stop_;
+  std::mutex opening_mutex_;
+  std::vector<player::PlayerEvent> opening_events_;  // that are still to be told
   std::future<Result<std::unique_ptr<player::Player>>> opening_;
   std::unique_ptr<player::Player> player_;
   double rate_ = 1;

@@ -161,6 +161,12 @@ Status Screen::make_swapchain(Size size) {
   const VkResult result = vkCreateSwapchainKHR(handle(), &info, nullptr, &swapchain_);
   if (result != VK_SUCCESS) swapchain_ = VK_NULL_HANDLE;
   vkDestroySwapchainKHR(handle(), old, nullptr);
+  if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY) {
+    return runtime_error(
+        "the Vulkan device has no memory for a window's pictures of {}x{} pixels; "
+        "use a smaller --size",
+        extent_.width, extent_.height);
+  }
   STGS_TRY(vk_status(result, "making the window's pictures"));
   STGS_TRY(make_targets());
   outdated_ = false;

@@ -72,6 +72,9 @@ struct PlayerSettings {
   int fetches = 4;           // at once
   LiveSettings live;
   HttpSettings http;  // of a URL
+  // Told what transfers meet with while a URL is opened, by its threads, one at a time. Not set:
+  // take_events() tells it once the file is open.
+  std::function<void(const PlayerEvent&)> on_opening;
   ReadLimits limits;  // of the file
   // Of the file when it is opened; a larger one is refused before anything of it is read.
   std::uint64_t max_file_bytes = std::numeric_limits<std::int64_t>::max();
