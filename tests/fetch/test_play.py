@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playing over HTTP: whatever the network and the server do, the picture degrades and recovers.
 
-usage: test_play.py PLAY_PROBE RECORD_STRETCHES [unittest arguments]
+usage: test_play.py PLAY_PROBE RECORD_STRETCHES STGS [unittest arguments]
 """
 import json
 import os
@@ -18,7 +18,7 @@ from faulty_link import FaultyLink
 from faulty_server import FaultyServer
 from nginx import Nginx
 
-PROBE, RECORDER = map(os.path.abspath, sys.argv[1:3])
+PROBE, RECORDER, STGS = map(os.path.abspath, sys.argv[1:4])
 
 
 class Play(unittest.TestCase):
@@ -54,6 +54,21 @@ class Play(unittest.TestCase):
             out = self.play(server.url, seconds, *seeks)
         self.recovers(out)
         return out
+
+    def test_what_is_lost_while_it_plays_is_counted(self):
+        camera = self.folder.name + "/camera.json"
+        with open(camera, "w", encoding="ascii") as file:
+            json.dump({"width": 32, "height": 24, "fx": 30, "fy": 30, "cx": 16, "cy": 12,
+                       "rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 8]}, file)
+        faults = [{}] * 2 + [{"status": 404}] * 10000
+        with FaultyServer(self.data, faults) as server:
+            run = subprocess.run([STGS, "bench", server.url, "--play", "player", "--frames", "20",
+                                  "--camera", camera, "--backend", "cpu", "--format", "json"],
+                                 capture_output=True, timeout=120, check=True)
+        play = json.loads(run.stdout)["play"]
+        self.assertGreater(play["lost"], 0)
+        self.assertGreater(play["incomplete"], 0)
+        self.assertIn(b"there is no such file (missing for now)", run.stderr)
 
     def test_a_file(self):
         out = self.play(self.file, 0.7, 2.9, 0.1)
@@ -281,4 +296,4 @@ class Live(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)
+    unittest.main(argv=[sys.argv[0], *sys.argv[4:]], verbosity=2)
