@@ -3,187 +3,19 @@
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <chrono>
-#include <condition_variable>
+#include <limits>
 #include <map>
-#include <mutex>
 #include <set>
 #include <thread>
 
-#include "alive.h"
 #include "held_segment.h"
-#include "scene_fixture.h"
-#include "stgs/player/player.h"
 #include "stream/need.h"
 #include "stream/playback_clock.h"
 #include "stream/throughput.h"
+#include "stream_fixture.h"
 
 namespace stgs::player {
 namespace {
-
-constexpr std::uint32_t kFrames = 90;  // 3 s
-using Kind = PlayerEvent::Kind;
-using Clock = std::chrono::steady_clock;
-
-// What a source does with reads that begin at an offset or behind it.
-class Link {
- public:
-  enum class Answer { kBytes, kWait, kFail };
-
-  Answer answer(std::uint64_t offset, std::size_t bytes) {
-    std::unique_lock lock(mutex_);
-    if (bytes_a_second_ > 0 && offset >= slow_from_) {
-      free_ = std::max(free_, Clock::now()) +
-              std::chrono::microseconds(
-                  static_cast<std::int64_t>(1e6 * static_cast<double>(bytes) / bytes_a_second_));
-      const Clock::time_point over = free_;
-      lock.unlock();
-      std::this_thread::sleep_until(over);
-      lock.lock();
-    }
-    asked_.push_back(offset);
-    changed_.notify_all();
-    while (!interrupted_ && of(offset) == Answer::kWait) changed_.wait(lock);
-    return interrupted_ ? Answer::kFail : of(offset);
-  }
-  void set(Answer answer, std::uint64_t begin = 0, std::uint64_t end = ~std::uint64_t{0}) {
-    const std::lock_guard lock(mutex_);
-    answers_.push_back({begin, end, answer});
-    changed_.notify_all();
-  }
-  // All reads from `begin` on share so many bytes a second; 0: any number.
-  void limit(double bytes_a_second, std::uint64_t begin) {
-    const std::lock_guard lock(mutex_);
-    bytes_a_second_ = bytes_a_second;
-    slow_from_ = begin;
-  }
-  void interrupt() {
-    const std::lock_guard lock(mutex_);
-    interrupted_ = true;
-    changed_.notify_all();
-  }
-  std::vector<std::uint64_t> asked() {
-    const std::lock_guard lock(mutex_);
-    return asked_;
-  }
-
- private:
-  struct Rule {
-    std::uint64_t begin, end;
-    Answer answer;
-  };
-  Answer of(std::uint64_t offset) const {
-    for (auto rule = answers_.rbegin(); rule != answers_.rend(); ++rule) {
-      if (rule->begin <= offset && offset < rule->end) return rule->answer;
-    }
-    return Answer::kBytes;
-  }
-
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool interrupted_ = false;
-  double bytes_a_second_ = 0;
-  std::uint64_t slow_from_ = 0;
-  Clock::time_point free_;
-  std::vector<Rule> answers_;
-  std::vector<std::uint64_t> asked_;
-};
-
-class LinkSource final : public ByteSource {
- public:
-  LinkSource(std::vector<std::uint8_t> bytes, std::shared_ptr<Link> link)
-      : bytes_(memory_source(std::move(bytes))), link_(std::move(link)) {}
-  std::uint64_t size() const override { return bytes_->size(); }
-  const std::string& name() const override { return bytes_->name(); }
-  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (link_->answer(offset, out.size()) == Link::Answer::kFail)
-      return io_error("the link is down");
-    return bytes_->read(offset, out);
-  }
-
- private:
-  std::unique_ptr<ByteSource> bytes_;
-  std::shared_ptr<Link> link_;
-};
-
-// Three tiers with their harmonics apart, segments of 0.2 s and longer.
-struct Clip {
-  Clip() {
-    Scene scene = testing::random_scene(4000, 2, kFrames, 3);
-    WriteSettings settings;
-    settings.profile = Profile::kQuantised;
-    settings.chunk_seconds = 0.2;
-    auto encoded = encode_scene(scene, settings);
-    REQUIRE(encoded.ok());
-    bytes = std::move(*encoded);
-    reader = std::move(*SceneReader::open(memory_source(bytes)));
-    for (const SegmentInfo& segment : reader->segments()) {
-      pieces_at = std::min(pieces_at, segment.offset);
-    }
-  }
-
-  std::vector<std::uint8_t> bytes;
-  std::unique_ptr<SceneReader> reader;
-  std::uint64_t pieces_at = ~std::uint64_t{0};  // all before it is read when the file is opened
-};
-
-const Clip& clip() {
-  static const Clip clip;
-  return clip;
-}
-
-struct Playing {
-  explicit Playing(PlayerSettings settings = {}, std::vector<std::uint8_t> bytes = clip().bytes,
-                   const std::function<void(Link&)>& prepare = {}) {
-    if (prepare) prepare(*link);
-    auto opened = Player::over(std::make_unique<LinkSource>(std::move(bytes), link), settings,
-                               [link = link] { link->interrupt(); });
-    REQUIRE(opened.ok());
-    player = std::move(*opened);
-  }
-
-  // Advances without time passing until something holds; false after long waiting.
-  bool until(const std::function<bool()>& holds) {
-    for (int k = 0; k < 4000; ++k) {
-      player->advance(now);
-      for (PlayerEvent& event : player->take_events()) events.push_back(std::move(event));
-      if (holds()) return true;
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    return false;
-  }
-  bool complete() {
-    return until([&] { return player->layers() == player->layers_of_file(); });
-  }
-  // Plays on until it has ended, 1/30 s at a time; waits where it has to.
-  void to_the_end(const std::function<void()>& at_each = {}) {
-    REQUIRE(until([&] {
-      now += player->state() == PlayerState::kPlaying ? 1.0 / 30 : 0.0;
-      if (at_each) at_each();
-      return player->state() == PlayerState::kEnded;
-    }));
-  }
-  int count(Kind kind) const {
-    return static_cast<int>(std::count_if(events.begin(), events.end(),
-                                          [&](const PlayerEvent& e) { return e.kind == kind; }));
-  }
-
-  bool said(Kind kind, const std::string& words) const {
-    return std::any_of(events.begin(), events.end(), [&](const PlayerEvent& e) {
-      return e.kind == kind && e.message.find(words) != std::string::npos;
-    });
-  }
-
-  std::shared_ptr<Link> link = std::make_shared<Link>();
-  std::unique_ptr<Player> player;
-  std::vector<PlayerEvent> events;
-  double now = 100;
-};
-
-std::multiset<std::string> alive_in_file(double seconds) {
-  auto reader = SceneReader::open(memory_source(clip().bytes));
-  REQUIRE(reader.ok());
-  return alive(*Timeline::over(std::move(*reader)), seconds);
-}
 
 TEST_CASE("how long until a segment is needed depends on where and which way the viewer goes") {
   const auto need = [](double begin, double end, const Motion& motion) {
@@ -438,72 +270,6 @@ TEST_CASE("play goes backwards and round") {
     p.now += 1.0 / 30;
     return p.count(Kind::kLooped) >= 3;
   }));
-}
-
-TEST_CASE(
-    "what follows within half a second is known, the soonest first, whichever way play goes") {
-  for (const double rate : {1.0, 2.0, -1.0}) {
-    CAPTURE(rate);
-    Playing p;
-    Timeline& timeline = p.player->timeline();
-    const double at = 1.51, ticks = timeline.metadata().time_base.ticks(at);
-    REQUIRE(p.player->set_rate(rate).ok());
-    REQUIRE(p.player->seek(at).ok());
-    CHECK(timeline.needed_soon(at).empty());
-    CHECK_FALSE(timeline.is_playing());
-    p.player->play();
-    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
-    CHECK(timeline.is_playing());
-
-    const auto in = [&](const SegmentInfo& info) {  // seconds
-      const double far = rate > 0 ? info.begin_ticks - ticks : ticks - info.end_ticks;
-      return timeline.metadata().time_base.seconds(far) / std::abs(rate);
-    };
-    const std::vector<SegmentInfo>& segments = timeline.reader().segments();
-    const auto expected = std::count_if(segments.begin(), segments.end(), [&](const auto& info) {
-      return in(info) > 0 && in(info) <= 0.5;
-    });
-    REQUIRE(expected > 2);
-    std::vector<Timeline::Needed> soon;
-    REQUIRE(p.until([&] {
-      soon = timeline.needed_soon(at);
-      return soon.size() == static_cast<std::size_t>(expected);
-    }));
-    double last = 0;
-    for (const Timeline::Needed& one : soon) {
-      CHECK(one.set != nullptr);
-      CHECK(in(segments[one.segment]) >= last);
-      last = in(segments[one.segment]);
-    }
-    CHECK(last <= 0.5);
-    p.player->pause();
-    CHECK(timeline.needed_soon(at).empty());
-  }
-}
-
-TEST_CASE("where play goes round, the other end of the clip comes soon") {
-  for (const double rate : {1.0, -1.0}) {
-    CAPTURE(rate);
-    Playing p;
-    Timeline& timeline = p.player->timeline();
-    const double at = rate > 0 ? 2.9 : 0.05;
-    REQUIRE(p.player->set_rate(rate).ok());
-    REQUIRE(p.player->seek(at).ok());
-    const std::vector<SegmentInfo>& segments = timeline.reader().segments();
-    const auto other_end = [&](const Timeline::Needed& one) {
-      const SegmentInfo& info = segments[one.segment];
-      return info.level == 0 && (rate > 0 ? info.begin_ticks == 0 : info.end_ticks == kFrames);
-    };
-    const auto comes_soon = [&] {
-      const std::vector<Timeline::Needed> soon = timeline.needed_soon(at);
-      return std::any_of(soon.begin(), soon.end(), other_end);
-    };
-    p.player->play();
-    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
-    CHECK_FALSE(comes_soon());
-    p.player->set_loop(true);
-    CHECK(p.until(comes_soon));
-  }
 }
 
 TEST_CASE("all layers of a moment come, however patient the layers are") {

@@ -46,7 +46,8 @@ Result<Ablation> Ablation::from_names(const std::string& names) {
     if (named == std::end(kNamed)) {
       return usage_error("unknown ablation '{}': use {}", name, fmt::join(ablation_names(), ", "));
     }
-    if (!(ablation.*named->part)) return usage_error("--ablate names '{}' twice", name);
+    if (!(ablation.*named->part))
+      return usage_error("--ablate names '{}' twice; name it once", name);
     ablation.*named->part = false;
   }
   if (!ablation.representation) {
