@@ -51,7 +51,7 @@ void DeviceSegments::keep(std::uint32_t segment, std::uint64_t primitives, std::
     bytes_ -= before->second.bytes;
     primitives_ -= before->second.primitives;
   }
-  held_.insert_or_assign(segment, Held{bytes, primitives, call_, {}});
+  held_.insert_or_assign(segment, Held{bytes, primitives, {call_, As::kNeeded}, {}});
   bytes_ += bytes;
   primitives_ += primitives;
 }
@@ -84,12 +84,12 @@ void DeviceSegments::drop(Segments::iterator segment) {
   held_.erase(segment);
 }
 
-void DeviceSegments::make_room(const Timeline& timeline, std::uint64_t more, std::uint64_t before) {
+void DeviceSegments::make_room(const Timeline& timeline, std::uint64_t more, const Use& least) {
   while (bytes_ + more > timeline.memory_budget()) {
     const auto oldest = std::min_element(
         held_.begin(), held_.end(),
         [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
-    if (oldest == held_.end() || oldest->second.used >= before) return;
+    if (oldest == held_.end() || oldest->second.used >= least) return;
     drop(oldest);
   }
 }
@@ -98,14 +98,14 @@ bool DeviceSegments::has(const Timeline::Needed& asked, bool now) {
   const auto found = held_.find(asked.segment);
   if (found == held_.end()) return false;
   const bool same = same_owner(found->second.set, asked.set);
-  found->second.used = !now ? call_ - 2 : same ? call_ : call_ - 1;
+  found->second.used = {call_, !now ? As::kAhead : same ? As::kNeeded : As::kOutdated};
   return same;
 }
 
 void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
                                std::vector<const Timeline::Needed*>& ahead) {
   std::uint64_t stays = more;
-  for (const auto& [segment, held] : held_) stays += held.used >= call_ - 2 ? held.bytes : 0;
+  for (const auto& [segment, held] : held_) stays += held.used.call == call_ ? held.bytes : 0;
   std::size_t fitting = 0;
   for (; fitting < ahead.size(); ++fitting) {
     stays += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
@@ -113,7 +113,7 @@ void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
     more += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
   }
   ahead.resize(fitting);
-  make_room(timeline, more, call_ - 2);
+  make_room(timeline, more, {call_, As::kAhead});
 }
 
 void DeviceSegments::abandon_others(std::span<const Timeline::Needed* const> these) {
@@ -207,7 +207,7 @@ void DeviceSegments::find_fullest(const Timeline& timeline) {
 
 Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline::Needed> needed,
                                     double seconds) {
-  call_ += 4;
+  ++call_;
   const std::vector<Timeline::Needed> soon = timeline.needed_soon(seconds);
   std::vector<const Timeline::Needed*> ahead;
   for (const Timeline::Needed& one : soon) {
@@ -236,7 +236,7 @@ Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline
         timeline.name(), seconds, static_cast<double>(together) / kMiB,
         static_cast<double>(timeline.memory_budget()) / kMiB);
   }
-  make_room(timeline, more, call_);
+  make_room(timeline, more, {call_, As::kNeeded});
   fit_ahead(timeline, more, ahead);
   std::stable_sort(decoded.begin(), decoded.end(), [&](const auto* a, const auto* b) {
     return segments[a->segment].tier < segments[b->segment].tier;

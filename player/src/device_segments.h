@@ -3,6 +3,7 @@
 #pragma once
 
 #include <chrono>
+#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -59,9 +60,16 @@ class DeviceSegments {
     std::weak_ptr<const Gaussians4D> set;
     std::size_t sent = 0;  // of its primitives
   };
+  // What was used in the latest call stays longest, and of that what matters most to the picture.
+  enum class As { kAhead, kOutdated, kNeeded };  // kOutdated: until a better version has come
+  struct Use {
+    std::uint64_t call = 0;
+    As as = As::kAhead;
+    auto operator<=>(const Use&) const = default;
+  };
   struct Held {
     std::uint64_t bytes = 0, primitives = 0;
-    std::uint64_t used = 0;                // number of the call that needed it last, see has()
+    Use used;                              // the last
     std::weak_ptr<const Gaussians4D> set;  // Timeline::Needed's, where it had one
   };
   using Segments = std::map<std::uint32_t, Held>;
@@ -85,13 +93,11 @@ class DeviceSegments {
 
   Status change_to(const Timeline& timeline);
   void find_fullest(const Timeline& timeline);
-  // Whether it is held as it is asked for. As calls are numbered by fours, what is needed now has
-  // the highest `used`, then what is drawn until a better version of it has come, then what is
-  // needed soon, and all these a higher one than what is not needed.
+  // Whether it is held as it is asked for, which is noted as its use; `now`: to be drawn.
   bool has(const Timeline::Needed& asked, bool now);
   void drop(Segments::iterator segment);
-  // Drops what was used before a call, the least recent first, until so many bytes more fit.
-  void make_room(const Timeline& timeline, std::uint64_t more, std::uint64_t before);
+  // Drops what was used less than that, the least first, until so many bytes more fit.
+  void make_room(const Timeline& timeline, std::uint64_t more, const Use& least);
   // Leaves what the budget has room for, beside `more` bytes for what is needed now.
   void fit_ahead(const Timeline& timeline, std::uint64_t more,
                  std::vector<const Timeline::Needed*>& ahead);
