@@ -3,12 +3,13 @@
 """Trains and evaluates a list of variants, several at a time, and prints a line for each.
 
 usage: train_table.py LIST --capture NAME=PREPARED... [--stgs PROGRAM] [--backend cuda]
-                      [--at-once 4] [--work FOLDER] [--keep]
+                      [--only PREFIX] [--at-once 4] [--work FOLDER] [--keep]
 
 LIST has a line a variant, `name | capture | every | options of stgs train`; lines that begin with #
 are left out. A capture is NAME, evaluated on its test cameras, or NAME:3,14,25, where these training
 cameras are held out in place of the test cameras, which are left out altogether: settings are chosen
-there. `every` is that of stgs evaluate. Exit code 1 where a variant failed.
+there. `every` is that of stgs evaluate. --only takes the variants whose names begin so. Exit code 1
+where a variant failed.
 """
 import argparse
 import concurrent.futures
@@ -79,6 +80,7 @@ def main():
     parser.add_argument("--capture", action="append", required=True, metavar="NAME=PREPARED")
     parser.add_argument("--stgs", default="build/release/bin/stgs")
     parser.add_argument("--backend", default="cuda")
+    parser.add_argument("--only", default="", metavar="PREFIX")
     parser.add_argument("--at-once", type=int, default=4)
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/train_table"))
     parser.add_argument("--keep", action="store_true", help="keep the scenes, in --work")
@@ -87,7 +89,9 @@ def main():
     folders = {name: pathlib.Path(path) for name, path in
                (entry.split("=", maxsplit=1) for entry in args.capture)}
     lines = [line for line in args.list.read_text().splitlines()
-             if line.strip() and not line.startswith("#")]
+             if line.strip() and not line.startswith("#") and line.startswith(args.only)]
+    if not lines:
+        raise SystemExit(f"{args.list}: no variant's name begins with '{args.only}'")
     captures = {}
     for wanted in {line.split("|")[1].strip() for line in lines}:
         name, _, held_out = wanted.partition(":")

@@ -10,12 +10,13 @@ from harness import CliTest
 
 
 class TrainTable(CliTest):
-    def table(self, text):
+    def table(self, text, *options):
         self.write("list.txt", text)
         script = os.path.join(harness.SOURCE, "tests/bench/train_table.py")
         return subprocess.run(
             [sys.executable, script, "list.txt", "--capture", f"c={self.fixture('prepared')}",
-             "--stgs", harness.STGS, "--backend", "cpu", "--at-once", "2", "--work", "work"],
+             "--stgs", harness.STGS, "--backend", "cpu", "--at-once", "2", "--work", "work",
+             *options],
             cwd=self.work, capture_output=True, text=True, timeout=300, check=False)
 
     def test_a_fold_holds_training_cameras_out_and_leaves_the_test_cameras_out(self):
@@ -43,3 +44,7 @@ class TrainTable(CliTest):
         self.assertIn("exit code 1", done.stderr)
         self.assertRegex(done.stdout, r"^good \| ")
         self.assertIn("no --capture d", self.table("x | d | 3 |\n").stderr)
+        only = self.table("bad | c | 3 | --preset none\nworse | d | 3 |\n", "--only", "bad")
+        self.assertEqual((only.returncode, only.stdout), (1, ""))
+        self.assertIn("no variant's name begins with 'good'",
+                      self.table("bad | c | 3 | --preset none\n", "--only", "good").stderr)
