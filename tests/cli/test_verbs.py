@@ -182,6 +182,7 @@ class Reading(CliTest):
         self.assertEqual(packed["quality"], 80)
         self.assertLess(3 * packed["file_bytes"], full["file_bytes"])
         self.fails(USAGE, "--quality is of what --animate, ", "bench", scene, "--quality", "80")
+        self.fails(USAGE, "--seed is of what --animate, ", "bench", scene, "--seed", "2")
         text = self.succeeds("bench", scene, "--pictures", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")

@@ -52,7 +52,7 @@ class Bench final : public Command {
   }
 
   Shared shared() const override {
-    return {.progress = true, .backend = "What draws", .threads = true, .seed = true};
+    return {.progress = true, .backend = "What draws", .threads = true};
   }
   void declare(CLI::App& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
@@ -95,6 +95,8 @@ class Bench final : public Command {
     app.add_option("--quality", quality_,
                    "Pack what --animate, --lives or --full-harmonics made: 0 to 100, as convert")
         ->check(number_between(0, 100));
+    app.add_option("--seed", seed_, "What is random in what they made: 1")
+        ->check(check_whole_number);
     app.add_option("--memory", memory_mb_, "Decoded data held at most, MB (10^6 bytes)")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
@@ -121,15 +123,16 @@ class Bench final : public Command {
  private:
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {
     if (!animate_ && !full_harmonics_ && lives_ == 0) {
-      if (!quality_) return open_place(session, file_);
+      if (!quality_ && !seed_) return open_place(session, file_);
       return usage_error(
-          "--quality is of what --animate, --lives or --full-harmonics make; {} stays as it is",
-          file_);
+          "{} is of what --animate, --lives or --full-harmonics make; {} stays as it is",
+          quality_ ? "--quality" : "--seed", file_);
     }
     STGS_ASSIGN(Scene scene, read_place(session, file_));
-    if (animate_) animate(scene, session.options.seed);
-    if (full_harmonics_) fill_harmonics(scene.gaussians, session.options.seed + 1);
-    if (lives_ > 0) part_lives(scene, lives_, session.options.seed);
+    const std::uint64_t seed = seed_.value_or(1);
+    if (animate_) animate(scene, seed);
+    if (full_harmonics_) fill_harmonics(scene.gaussians, seed + 1);
+    if (lives_ > 0) part_lives(scene, lives_, seed);
     WriteSettings settings;
     settings.zstd_level = 1;
     if (quality_) {
@@ -309,6 +312,7 @@ class Bench final : public Command {
   int pictures_ = 40, lives_ = 0;
   bool animate_ = false, full_harmonics_ = false, steps_ = false;
   std::optional<double> eye_distance_, quality_;
+  std::optional<std::uint64_t> seed_;
   std::optional<float> fovea_radius_;
   PlaySettings play_;
   double memory_mb_ = 4096;
