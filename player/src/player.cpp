@@ -153,7 +153,7 @@ class StreamPlayer final : public Player {
 
   PlayerState state() const override { return state_; }
   double seconds() const override { return time_base_.seconds(clock_.ticks()); }
-  bool ready() const override { return store_.ready(clock_.ticks()); }
+  bool ready() const override { return layers() > 0; }
   int layers() const override { return store_.layers(clock_.ticks()); }
   int layers_of_file() const override { return 2 * store_.tiers(); }
   bool settled() const override { return store_.settled(clock_.ticks()); }
@@ -175,6 +175,11 @@ class StreamPlayer final : public Player {
     PlayerEvent event;
     event.kind = kind;
     store_.tell(std::move(event));
+  }
+
+  // Once, until the moment goes on.
+  void tell_standing() {
+    if (!std::exchange(told_standing_, true)) tell(PlayerEvent::Kind::kBuffering);
   }
 
   void go_to(double ticks) {
@@ -283,17 +288,17 @@ class StreamPlayer final : public Player {
   void step(double passed) {
     const double pace = growing_ ? keep_up() : 1;
     if (state_ == PlayerState::kBuffering) {
-      if (!can_resume()) return;
+      if (!can_resume()) return tell_standing();
       state_ = PlayerState::kPlaying;
       move(false);
-      tell(PlayerEvent::Kind::kResumed);
+      if (std::exchange(told_standing_, false)) tell(PlayerEvent::Kind::kResumed);
     }
     if (state_ != PlayerState::kPlaying) return;
     const PlaybackClock::Step next = clock_.after(pace * passed);
     if (!can_show(next.ticks)) {
       state_ = PlayerState::kBuffering;
       move(false);
-      return tell(PlayerEvent::Kind::kBuffering);
+      return tell_standing();
     }
     clock_.take(next);
     if (next.ended) {
@@ -317,7 +322,7 @@ class StreamPlayer final : public Player {
   double grown_at_ = 0;  // of the caller's clock
   LiveEdge edge_;
   PlayerState state_ = PlayerState::kPaused;
-  bool playing_ = false, started_ = false;
+  bool playing_ = false, started_ = false, told_standing_ = false;
   double now_ = 0;
   int layers_ = -1;
   SegmentStore store_;

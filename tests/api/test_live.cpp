@@ -14,6 +14,7 @@ TEST_CASE("a viewer joins in the middle, follows the edge, sees all and comes to
   CHECK(viewer.player->live().following);
   CHECK(viewer.player->seconds() == Approx(6 * kStretch - 0.5).margin(kFrame));
   viewer.play();
+  const int waits = viewer.count(Kind::kBuffering);  // for what play began with
   const double joined = viewer.player->seconds();
   std::set<int> seen;
   double last = joined;
@@ -37,7 +38,7 @@ TEST_CASE("a viewer joins in the middle, follows the edge, sees all and comes to
   for (int i = static_cast<int>(joined / kStretch); i < static_cast<int>(kStretches) - 1; ++i) {
     CHECK(seen.count(i) == 1);
   }
-  CHECK(viewer.count(Kind::kBuffering) == 0);
+  CHECK(viewer.count(Kind::kBuffering) == waits);
   viewer.file->grow(recording().closed());
   REQUIRE(viewer.until([&] { return !viewer.player->live().growing; }));
   CHECK(viewer.count(Kind::kFinished) == 1);
@@ -54,15 +55,16 @@ TEST_CASE("a viewer joins in the middle, follows the edge, sees all and comes to
 TEST_CASE("play that runs ahead of the edge stands still, says so, and goes on") {
   Viewer viewer(6);
   viewer.play();
+  const int waits = viewer.count(Kind::kBuffering);
   viewer.frames(40);
   CHECK(viewer.player->state() == PlayerState::kBuffering);
-  CHECK(viewer.count(Kind::kBuffering) == 1);
+  CHECK(viewer.count(Kind::kBuffering) == waits + 1);
   const double stood = viewer.player->seconds();
   CHECK(stood < 6 * kStretch);
   CHECK(stood > 6 * kStretch - 1.5 * kFrame);
   viewer.file->grow(recording().ends[8]);
   REQUIRE(viewer.until([&] { return viewer.player->state() == PlayerState::kPlaying; }));
-  CHECK(viewer.count(Kind::kResumed) == 2);
+  CHECK(viewer.count(Kind::kResumed) == waits + 1);
   viewer.frames(3);
   CHECK(viewer.player->seconds() > stood);
 }

@@ -129,11 +129,36 @@ TEST_CASE("play waits for what has not come, goes on when it has, and says so") 
   REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
   p.to_the_end();
   CHECK(p.player->seconds() == 89.0 / 30);
-  CHECK(p.count(Kind::kResumed) >= 1);
+  CHECK(p.count(Kind::kBuffering) >= 1);
+  CHECK(p.count(Kind::kResumed) == p.count(Kind::kBuffering));
   CHECK(p.count(Kind::kEnded) == 1);
   CHECK(p.count(Kind::kLost) == 0);
   REQUIRE(p.player->buffered().size() == 1);
   CHECK(p.player->buffered()[0].end == Approx(3.0));
+}
+
+TEST_CASE("a seek while playing tells of standing still where it does, once") {
+  PlayerSettings settings;
+  settings.ahead_seconds = 0.1;
+  settings.resume_seconds = 0.05;
+  Playing p(settings);
+  REQUIRE(p.complete());
+  p.player->play();
+  REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+  CHECK(p.count(Kind::kBuffering) == 0);  // all of it was there
+  CHECK(p.count(Kind::kResumed) == 0);
+  p.link->set(Link::Answer::kWait, clip().pieces_at);
+  REQUIRE(p.player->seek(2.5).ok());
+  REQUIRE(p.until([&] { return p.count(Kind::kBuffering) > 0; }));
+  REQUIRE(p.player->seek(2.0).ok());
+  for (int k = 0; k < 5; ++k) p.player->advance(p.now += 1);
+  CHECK(p.player->seconds() == 2.0);
+  p.player->pause();
+  p.player->play();
+  p.link->set(Link::Answer::kBytes);
+  REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+  CHECK(p.count(Kind::kBuffering) == 1);
+  CHECK(p.count(Kind::kResumed) == 1);
 }
 
 TEST_CASE("a link that goes down degrades the picture and is made up for") {
@@ -145,6 +170,7 @@ TEST_CASE("a link that goes down degrades the picture and is made up for") {
   // Nothing can be had, so the empty picture goes on rather than standing still for ever.
   REQUIRE(p.until([&] { return p.count(Kind::kLost) > 3; }));
   CHECK(p.said(Kind::kLost, "the link is down"));
+  CHECK_FALSE(p.player->ready());
   p.link->set(Link::Answer::kBytes);
   p.player->pause();
   REQUIRE(p.complete());
@@ -195,6 +221,7 @@ TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
   REQUIRE(damaged.until([&] { return damaged.player->settled(); }));
   CHECK(damaged.count(Kind::kDamaged) > 0);
   CHECK(damaged.player->layers() == 1);
+  CHECK(damaged.player->ready());
 
   PlayerSettings settings;
   settings.retry_seconds = 60;
@@ -202,6 +229,7 @@ TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
   Playing down(settings, clip().bytes, lost);
   REQUIRE(down.until([&] { return down.player->settled(); }));
   CHECK(down.player->layers() == 0);
+  CHECK_FALSE(down.player->ready());
 
   const auto waits = [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); };
   Playing waiting({}, clip().bytes, waits);

@@ -188,7 +188,8 @@ typedef struct stgs_player_status {
   double seconds;         /* the moment to draw */
   int32_t layers;         /* that are there of the moment, from the base of the picture on */
   int32_t layers_of_file; /* all; 0 before the file is open */
-  int32_t ready;          /* 1: the base is there, a picture of all the space */
+  int32_t ready;          /* 1: the base is there, a picture of all the space. 0: it has not come,
+                           * or could not be had, and the picture has holes */
   int32_t settled;        /* 1: nothing more of the moment is coming, for now */
 } stgs_player_status;
 
@@ -204,8 +205,10 @@ enum {
   STGS_EVENT_NONE = 0,
   STGS_EVENT_OPENED = 1,
   STGS_EVENT_FAILED = 2,    /* the file could not be opened */
-  STGS_EVENT_BUFFERING = 3, /* the moment stands still, because what is next has not come */
-  STGS_EVENT_RESUMED = 4,   /* it goes on */
+  /* Playing, the moment stands still, because what is next has not come: also where play begins and
+   * after a seek. Once, until _RESUMED. */
+  STGS_EVENT_BUFFERING = 3,
+  STGS_EVENT_RESUMED = 4, /* it goes on after _BUFFERING; who pauses meanwhile puts that off */
   STGS_EVENT_LOOPED = 5,
   STGS_EVENT_ENDED = 6,
   STGS_EVENT_LAYERS = 7,   /* the number of layers at the moment has changed */
@@ -255,7 +258,7 @@ typedef struct stgs_time_range {
   double begin, end;
 } stgs_time_range;
 
-/* Where play does not have to wait, ascending: *count is how many ranges there are, and as many of
+/* Where play does not have to wait, as the base is there or could not be had, ascending: *count is how many ranges there are, and as many of
  * them as fit are in `ranges`, which has room for `capacity`, and may be NULL where that is 0. None
  * before the file is open. */
 STGS_API stgs_result stgs_player_get_buffered(stgs_player* player, stgs_time_range* ranges,

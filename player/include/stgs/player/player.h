@@ -21,8 +21,8 @@ namespace stgs::player {
 
 struct PlayerEvent {
   enum class Kind {
-    kBuffering,  // the moment stands still, because what is next has not come
-    kResumed,    // it goes on
+    kBuffering,  // playing, the moment stands still, because what is next has not come
+    kResumed,    // it goes on after kBuffering
     kLooped,
     kEnded,
     kLayers,   // the number of layers at the moment has changed
@@ -170,7 +170,7 @@ class Player {
   // Whether nothing more of the moment is coming: what layers() lacks of it is damaged, was lost
   // and is yet to be tried again, or has no room in the memory budget.
   virtual bool settled() const = 0;
-  // Where play does not have to wait.
+  // Where play does not have to wait: the base is there, or could not be had.
   virtual std::vector<TimeRange> buffered() const = 0;
   virtual StreamStatistics statistics() const = 0;
   // What has happened since the last call, in order; the last kMostEvents of it.
