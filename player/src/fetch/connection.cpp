@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <mutex>
@@ -12,6 +13,8 @@
 
 namespace stgs::player {
 namespace {
+
+using Clock = std::chrono::steady_clock;
 
 constexpr int kPollMilliseconds = 1000;  // between looks at timeouts; a stop wakes it at once
 
@@ -118,6 +121,7 @@ struct Connection::Reply {
   std::string etag, modified, encoding;
   std::string refused;  // why the body is not taken
   StatusCode code = StatusCode::kIo;
+  Clock::time_point heard = Clock::now();  // when anything of it came last
   char error[CURL_ERROR_SIZE] = {};
 
   long status() const {
@@ -170,11 +174,19 @@ struct Connection::Reply {
     return true;
   }
 
+  // Connecting has a time of its own.
+  bool is_connected() const {
+    curl_off_t after = 0;
+    return curl_easy_getinfo(easy, CURLINFO_PRETRANSFER_TIME_T, &after) == CURLE_OK && after > 0;
+  }
+
   static std::size_t on_header(char* bytes, std::size_t size, std::size_t count, void* reply) {
+    static_cast<Reply*>(reply)->heard = Clock::now();
     static_cast<Reply*>(reply)->header({bytes, size * count});
     return size * count;
   }
   static std::size_t on_body(char* bytes, std::size_t size, std::size_t count, void* reply) {
+    static_cast<Reply*>(reply)->heard = Clock::now();
     return static_cast<Reply*>(reply)->body(bytes, size * count) ? size * count : 0;
   }
 };
@@ -187,7 +199,7 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   self->stop_ = settings.stop;
   CURL* easy = self->easy_;
   if (easy == nullptr || self->multi_ == nullptr) return nullptr;
-  const auto stall = static_cast<long>(std::ceil(std::clamp(settings.stall_seconds, 1.0, 1e6)));
+  self->stall_ = std::chrono::milliseconds(milliseconds(settings.stall_seconds));
   curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
@@ -200,8 +212,6 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
 #endif
   curl_easy_setopt(easy, CURLOPT_TCP_KEEPALIVE, 1L);
   curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, milliseconds(settings.connect_seconds));
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, 1L);
-  curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, stall);
   curl_easy_setopt(easy, CURLOPT_HEADERFUNCTION, Reply::on_header);
   curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, Reply::on_body);
   return self;
@@ -212,17 +222,28 @@ Connection::~Connection() {
   if (multi_ != nullptr) curl_multi_cleanup(multi_);
 }
 
-// Runs the transfer; a stop wakes it. The handles stay together only meanwhile, the connection in
-// any case.
-CURLcode Connection::perform(bool& stopped) {
+// Runs the transfer; a stop wakes it. Silence is timed here: libcurl's own limit is of a speed that
+// it takes the mean of over some seconds. The handles stay together only meanwhile, the connection
+// in any case.
+CURLcode Connection::perform(Reply& reply, bool& stopped) {
   CURLM* const multi = multi_;
   const std::stop_callback wake(stop_, [multi] { curl_multi_wakeup(multi); });
   CURLcode result = CURLE_FAILED_INIT;
   if (curl_multi_add_handle(multi_, easy_) != CURLM_OK) return result;
   for (int running = 1; running > 0 && !stopped;) {
     CURLMcode code = curl_multi_perform(multi_, &running);
+    if (!reply.is_connected()) reply.heard = Clock::now();
+    const auto left =
+        std::chrono::ceil<std::chrono::milliseconds>(reply.heard + stall_ - Clock::now());
+    if (running > 0 && left.count() <= 0) {
+      fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "nothing came for {:g} s",
+                       std::chrono::duration<double>(stall_).count());
+      result = CURLE_OPERATION_TIMEDOUT;
+      break;
+    }
     if (code == CURLM_OK && running > 0) {
-      code = curl_multi_poll(multi_, nullptr, 0, kPollMilliseconds, nullptr);
+      const auto wait = std::min<std::int64_t>(left.count(), kPollMilliseconds);
+      code = curl_multi_poll(multi_, nullptr, 0, static_cast<int>(wait), nullptr);
     }
     if (code != CURLM_OK) break;
     stopped = stop_.stop_requested();
@@ -249,7 +270,7 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out,
   const Headers headers = headers_if_changed(known);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
   bool stopped = stop_.stop_requested();
-  const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(stopped);
+  const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, stopped);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, nullptr);
 

@@ -4,6 +4,7 @@
 
 #include <curl/curl.h>
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -48,11 +49,12 @@ class Connection {
   struct Reply;
 
   Connection() = default;
-  CURLcode perform(bool& stopped);
+  CURLcode perform(Reply& reply, bool& stopped);
 
   CURLM* multi_ = nullptr;
   CURL* easy_ = nullptr;
   std::stop_token stop_;
+  std::chrono::milliseconds stall_{0};
 };
 
 }  // namespace stgs::player

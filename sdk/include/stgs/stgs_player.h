@@ -204,7 +204,7 @@ typedef int32_t stgs_event_kind;
 enum {
   STGS_EVENT_NONE = 0,
   STGS_EVENT_OPENED = 1,
-  STGS_EVENT_FAILED = 2,    /* the file could not be opened */
+  STGS_EVENT_FAILED = 2, /* the file could not be opened */
   /* Playing, the moment stands still, because what is next has not come: also where play begins and
    * after a seek. Once, until _RESUMED. */
   STGS_EVENT_BUFFERING = 3,
@@ -258,9 +258,9 @@ typedef struct stgs_time_range {
   double begin, end;
 } stgs_time_range;
 
-/* Where play does not have to wait, as the base is there or could not be had, ascending: *count is how many ranges there are, and as many of
- * them as fit are in `ranges`, which has room for `capacity`, and may be NULL where that is 0. None
- * before the file is open. */
+/* Where play does not have to wait, as the base is there or could not be had, ascending: *count is
+ * how many ranges there are, and as many of them as fit are in `ranges`, which has room for
+ * `capacity`, and may be NULL where that is 0. None before the file is open. */
 STGS_API stgs_result stgs_player_get_buffered(stgs_player* player, stgs_time_range* ranges,
                                               uint32_t capacity, uint32_t* count);
 
