@@ -49,6 +49,11 @@ class FileSource final : public ByteSource {
     return size_.exchange(bytes_of(info)) == bytes_of(info) ? Change::kNone : Change::kResized;
   }
 
+  bool has_lost_bytes() const override {
+    struct stat info {};
+    return ::fstat(fd_, &info) == 0 && bytes_of(info) < size();
+  }
+
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     std::size_t done = 0;
@@ -57,7 +62,10 @@ class FileSource final : public ByteSource {
           ::pread(fd_, out.data() + done, out.size() - done, static_cast<off_t>(offset + done));
       if (got < 0 && errno == EINTR) continue;
       if (got < 0) return io_error("{}: cannot read: {}", name_, system_message(errno));
-      if (got == 0) return past_the_end(name_, offset, out.size(), offset + done);
+      if (got == 0) {
+        return io_error("{}: bytes {} to {} have gone since it was opened; it is being changed",
+                        name_, offset, offset + out.size());
+      }
       done += static_cast<std::size_t>(got);
     }
     return {};

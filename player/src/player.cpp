@@ -36,6 +36,11 @@ Status check(const PlayerSettings& s) {
   return {};
 }
 
+std::string shorter_message(const std::string& name) {
+  return fmt::format("{}: has lost bytes that it had: it was overwritten or cut; open it again",
+                     name);
+}
+
 class StreamPlayer final : public Player {
  public:
   StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
@@ -50,7 +55,10 @@ class StreamPlayer final : public Player {
         frames_(reader->metadata().frames),
         clock_(last_moment(), time_base_.ticks(1.0)),
         edge_(settings.live, time_base_.seconds(frames_), last_stretch(*reader)),
-        store_(reader, source, settings),
+        store_(reader, source, settings,
+               [transfers = transfers_, message = shorter_message(source->name())](bool shorter) {
+                 transfers->set_replaced(shorter, message);
+               }),
         timeline_(make_stream_timeline(store_, source->name())) {
     growing_ = settings.live.follow && source->may_grow() && is_growing();
     if (growing_) begin_live(source, std::move(cache));

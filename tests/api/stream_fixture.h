@@ -142,6 +142,8 @@ struct Playing {
     player = std::move(*opened);
   }
 
+  explicit Playing(std::unique_ptr<Player> opened) : player(std::move(opened)) {}
+
   // Advances without time passing until something holds; false after long waiting.
   bool until(const std::function<bool()>& holds) {
     for (int k = 0; k < 4000; ++k) {

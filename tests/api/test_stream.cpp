@@ -3,6 +3,8 @@
 #include <atomic>
 #include <catch2/catch.hpp>
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <map>
 #include <set>
@@ -13,6 +15,7 @@
 #include "stream/playback_clock.h"
 #include "stream/throughput.h"
 #include "stream_fixture.h"
+#include "temporary_folder.h"
 
 namespace stgs::player {
 namespace {
@@ -175,6 +178,38 @@ TEST_CASE("a link that goes down degrades the picture and is made up for") {
   p.player->pause();
   REQUIRE(p.complete());
   CHECK(alive(p.player->timeline(), p.player->seconds()) == alive_in_file(p.player->seconds()));
+}
+
+TEST_CASE("a file that is cut while it plays is told as often as it is, and made up for") {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "clip.stgs";
+  const auto size = static_cast<std::streamsize>(clip().bytes.size());
+  const auto write = [&] {
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(clip().bytes.data()), size);
+  };
+  write();
+  PlayerSettings settings;
+  settings.ahead_seconds = 0.1;
+  settings.retry_seconds = 0.01;
+  auto opened = Player::open(path, settings);
+  REQUIRE(opened.ok());
+  Playing p(std::move(*opened));
+  REQUIRE(p.complete());
+  int times = 0;
+  for (const double moment : {1.5, 2.5}) {
+    std::filesystem::resize_file(path, clip().pieces_at + 100);
+    REQUIRE(p.player->seek(moment).ok());
+    ++times;
+    REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == times && p.player->settled(); }));
+    CHECK_FALSE(p.player->ready());
+    write();
+    REQUIRE(p.complete());
+    CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
+  }
+  CHECK(p.said(Kind::kLost, "have gone since it was opened"));
+  CHECK(p.said(Kind::kReplaced, "it was overwritten or cut"));
+  CHECK(p.count(Kind::kReplaced) == times);
 }
 
 TEST_CASE("damage costs its piece alone") {

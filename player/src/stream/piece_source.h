@@ -25,6 +25,7 @@ class PieceSource final : public ByteSource {
   const std::string& name() const override { return under_->name(); }
   bool may_grow() const override { return under_->may_grow(); }
   Result<Change> refresh(std::uint64_t kept) override { return under_->refresh(kept); }
+  bool has_lost_bytes() const override { return under_->has_lost_bytes(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
   // Reads a piece that is to be put there: what recent() was told of is not read again. `read`

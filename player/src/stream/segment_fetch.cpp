@@ -273,8 +273,16 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
     }
   }
   to_decode_.notify_all();
+  tell_shorter(came, status);
   // What a link carried before it failed tells nothing of what it carries after.
   if (!status.ok()) throughput_.forget();
+}
+
+// Of a recording that grows, who follows it looks.
+void SegmentStore::tell_shorter(bool came, const Status& status) noexcept {
+  if (reader_->form() == SceneForm::kGrowing || (!came && status.ok())) return;
+  const bool shorter = !came && source_->has_lost_bytes();
+  if (std::exchange(is_shorter_, shorter) != shorter) on_shorter_(shorter);
 }
 
 }  // namespace stgs::player

@@ -50,8 +50,12 @@ int decoders_for(TaskRunner* runner) {
 }  // namespace
 
 SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
-                           std::shared_ptr<PieceSource> source, const PlayerSettings& settings)
-    : source_(std::move(source)), settings_(settings), reader_(std::move(reader)) {
+                           std::shared_ptr<PieceSource> source, const PlayerSettings& settings,
+                           std::function<void(bool)> on_shorter)
+    : source_(std::move(source)),
+      settings_(settings),
+      on_shorter_(std::move(on_shorter)),
+      reader_(std::move(reader)) {
   take_reader(reader_);
   motion_.duration = reader_->metadata().frames;
   start_threads();

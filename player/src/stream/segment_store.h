@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <functional>
 #include <limits>
 #include <list>
 #include <memory>
@@ -27,9 +28,10 @@ namespace stgs::player {
 // are under way.
 class SegmentStore {
  public:
-  // `source` is the one of `reader`.
+  // `source` is the one of `reader`. `on_shorter` is told, by a thread of the store, whether a file
+  // that does not grow has lost bytes that it had, when that changes; it does not throw.
   SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<PieceSource> source,
-               const PlayerSettings& settings);
+               const PlayerSettings& settings, std::function<void(bool)> on_shorter);
   ~SegmentStore();
   // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
   void stop();
@@ -163,6 +165,7 @@ class SegmentStore {
   Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
   void put(const Run& run, std::span<const std::uint8_t> bytes);
   void settle(const Run& run, bool came, const Status& status) noexcept;
+  void tell_shorter(bool came, const Status& status) noexcept;
   void give_back(const Run& run) noexcept;
 
   // segment_decoding.cpp
@@ -179,6 +182,7 @@ class SegmentStore {
 
   const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
+  const std::function<void(bool)> on_shorter_;
   int decoders_ = 1;  // segments that are decoded at once, at most
 
   mutable std::mutex mutex_;  // of all that follows
@@ -189,6 +193,7 @@ class SegmentStore {
   std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
+  bool is_shorter_ = false;  // as on_shorter_ was told
   std::uint64_t jumps_ = 0;
   Motion motion_;
   std::vector<Entry> entries_;  // by segment
