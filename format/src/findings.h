@@ -114,7 +114,7 @@ class Findings {
   bool ok() const { return status_.ok(); }
   // The first error with the file's name, byte and number, or success.
   Status status(const std::string& file) const {
-    if (ok()) return {};
+    if (ok() || status_.message().starts_with(file + ": ")) return status_;  // a read names it
     return {status_.code(), fmt::format("{}: {}", file, status_.message())};
   }
   std::vector<Issue> take() { return std::move(issues_); }

@@ -9,12 +9,12 @@ namespace stgs::player {
 
 #if !STGS_HAS_CUDA
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings&) {
-  return not_built("backend 'cuda' is not part of this build; use --backend cpu");
+  return not_built("backend 'cuda' is not part of this build; use backend 'cpu'");
 }
 #endif
 #if !STGS_HAS_VULKAN
 Result<std::unique_ptr<Renderer>> make_vulkan_renderer(const VulkanSettings&) {
-  return not_built("backend 'vulkan' is not part of this build; use --backend cpu");
+  return not_built("backend 'vulkan' is not part of this build; use backend 'cpu'");
 }
 #endif
 

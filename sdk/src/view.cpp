@@ -110,6 +110,10 @@ stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
   out.fovea_radius = static_cast<float>(out.fovea_radius * std::sqrt(x * y));
   out.width = width;
   out.height = height;
+  for (const float length :
+       {out.fx, out.fy, out.cx, out.cy, out.fovea_x, out.fovea_y, out.fovea_radius}) {
+    if (!std::isfinite(length)) return STGS_ERROR_ARGUMENT;
+  }
   stgs::sdk::give_struct(view, out);
   return STGS_OK;
 }

@@ -172,7 +172,13 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     CHECK(stgs_render(renderer.get(), scene.get(), 0, &wrong, &picture, 1) == STGS_ERROR_ARGUMENT);
+    CHECK(stgs_view_resize(&wrong, kSdkWidth, kSdkHeight) == STGS_ERROR_ARGUMENT);
   }
+  stgs_view wide = view;
+  wide.fx = 3e38f;
+  CHECK(stgs_view_resize(&wide, 32768, kSdkHeight) == STGS_ERROR_ARGUMENT);
+  CHECK(wide.width == view.width);
+  CHECK(wide.fx == 3e38f);
 }
 
 TEST_CASE("two threads draw two scenes at once", "[sdk]") {

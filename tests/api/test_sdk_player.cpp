@@ -230,7 +230,9 @@ TEST_CASE("a file that cannot be opened is told, and another may be tried", "[sd
   stgs_async_io io = file.async_io();
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   CHECK(stgs_player_wait_open(player.get()) == STGS_ERROR_IO);
-  CHECK(has(error_of(player.get()).message, "failed with 42"));
+  const std::string message = error_of(player.get()).message;
+  CHECK(has(message, "failed with 42"));
+  CHECK(message.rfind("the application's source:") == 0);  // once
   CHECK(file.closed == 1);
   io.begin = nullptr;
   CHECK(stgs_player_open_async_io(player.get(), &io) == STGS_ERROR_ARGUMENT);

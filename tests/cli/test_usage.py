@@ -98,7 +98,7 @@ class Usage(CliTest):
 
     @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
     def test_what_is_not_built_in_says_so(self):
-        self.fails(6, "'vulkan' is not part of this build; use --backend cpu", "render",
+        self.fails(6, "'vulkan' is not part of this build; use backend 'cpu'", "render",
                    self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--backend", "vulkan")
 
     def test_a_backend_that_does_not_train_says_so(self):

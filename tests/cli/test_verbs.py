@@ -22,7 +22,7 @@ class Backends(CliTest):
         draw = ["render", tiny, "--time", "0.05", "--backend"]
         result = self.stgs(*draw, "vulkan", "-o", "vulkan.png")
         if result.returncode == 5:
-            self.assertIn(b"use --backend cpu", result.stderr)
+            self.assertIn(b"use backend 'cpu'", result.stderr)
             self.skipTest("there is no Vulkan device")
         self.assertEqual(result.returncode, 0, result.stderr)
         self.succeeds(*draw, "cpu", "-o", "cpu.png")

@@ -56,7 +56,7 @@ class Ranges(unittest.TestCase):
 
     def test_a_file_shorter_than_the_head(self):
         with FaultyServer(DATA[:700]) as server:
-            out = probe(server.url, "0:700")
+            out = probe(server.url.replace("http:", "HTTP:"), "0:700")
             self.assertEqual(out["size"], 700)
             self.reads(out, 0, 0, 700)
             self.assertEqual(len(server.ranges), 1)

@@ -34,13 +34,13 @@ class CudaRenderer final : public Renderer {
     int count = 0;
     if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess || count == 0) {
       (void)cudaGetLastError();
-      return unsupported("there is no CUDA device ({}); use --backend cpu",
+      return unsupported("there is no CUDA device ({}); use backend 'cpu'",
                          error != cudaSuccess ? cudaGetErrorString(error) : "none is found");
     }
     for (int degree = 0; degree <= math::kShMaxDegree; ++degree) {
       if (const cudaError_t error = find_grids(degree, grids_[degree]); error != cudaSuccess) {
         (void)cudaGetLastError();
-        return unsupported("this build has no code for the CUDA device ({}); use --backend cpu",
+        return unsupported("this build has no code for the CUDA device ({}); use backend 'cpu'",
                            cudaGetErrorString(error));
       }
     }

@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cctype>
+#include <string_view>
+
 #include "stgs/player/source.h"
 
 namespace stgs::player {
 
+// A scheme may be written in capitals (RFC 3986, 3.1).
 bool is_url(const std::string& place) {
-  return place.starts_with("http://") || place.starts_with("https://");
+  std::string scheme = place.substr(0, std::string_view("https://").size());
+  for (char& c : scheme) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return scheme.starts_with("http://") || scheme == "https://";
 }
 
 Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,

@@ -384,7 +384,7 @@ void SegmentStore::drop(std::uint32_t segment) {
 // A piece that could not be had: tried again, each time after twice as long, or never.
 void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
                         const Status& status) noexcept {
-  constexpr double kLongest = 60;  // seconds
+  constexpr double kLongest = 10;  // seconds
   release(piece, At::kLost);
   PieceState& own = state(piece);
   own.patience = own.patience > 0 ? std::min(2 * own.patience, kLongest)

@@ -21,8 +21,8 @@ Status check_image(const Device& device, const View& view, const VulkanImage& im
   }
   if (!known_format) {
     return usage_error(
-        "the {} image of view {} has a format that is not drawn in (VkFormat {}); "
-        "stgs/player/vulkan_renderer.h lists those that are",
+        "the {} image of view {} has a format that is not drawn in (VkFormat {}); the header that "
+        "declares the image lists those that are",
         kind, number, static_cast<int>(image.format));
   }
   if ((device.features_of(image.format) & VK_FORMAT_FEATURE_TRANSFER_DST_BIT) == 0) {
@@ -43,7 +43,7 @@ Status check_semaphores(const Device& device, const std::vector<VulkanSemaphore>
       return unsupported(
           "the Vulkan device was made without timeline semaphores: enable the feature "
           "timelineSemaphore (before Vulkan 1.2 the extension VK_KHR_timeline_semaphore too), and "
-          "say so in VulkanDevice");
+          "say so where the device is handed over");
     }
   }
   return {};

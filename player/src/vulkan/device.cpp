@@ -215,14 +215,14 @@ void Device::keep_functions() {
 
 Status Device::make_instance() {
   if (volkInitialize() != VK_SUCCESS) {
-    return unsupported("there is no Vulkan loader (libvulkan.so.1); use --backend cpu");
+    return unsupported("there is no Vulkan loader (libvulkan.so.1); use backend 'cpu'");
   }
   VulkanInstanceSettings settings;
   if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
   VulkanInstance made;
   const VkResult result = make_vulkan_instance(settings, made);
   if (result != VK_SUCCESS) {
-    return unsupported("Vulkan does not start (VkResult {}); use --backend cpu",
+    return unsupported("Vulkan does not start (VkResult {}); use backend 'cpu'",
                        static_cast<int>(result));
   }
   context_.instance = made.instance;
@@ -251,7 +251,7 @@ Status Device::choose() {
     if (discrete) break;
   }
   if (context_.physical_device != VK_NULL_HANDLE) return {};
-  return unsupported("there is no Vulkan device that can draw ({} found); use --backend cpu",
+  return unsupported("there is no Vulkan device that can draw ({} found); use backend 'cpu'",
                      devices.size());
 }
 

@@ -38,7 +38,7 @@ Status FrameBuffers::ensure(const Device& device, const FrameNeed& need) {
     if (bytes > most) {
       return unsupported(
           "the Vulkan device's storage buffers hold {} MiB, and {} primitives at a moment, in all "
-          "views together, need {} MiB; draw fewer views at once, or use --backend cpu",
+          "views together, need {} MiB; draw fewer views at once, or use backend 'cpu'",
           most >> 20, splat_count, bytes >> 20);
     }
     return buffer.ensure(device, bytes, Place::kDevice, most / 16 * 16);

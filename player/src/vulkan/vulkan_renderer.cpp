@@ -214,7 +214,7 @@ class ComputeRenderer final : public VulkanRenderer {
     if (at_once > device_.most_range()) {
       return unsupported(
           "a picture of {}x{} pixels is larger than the Vulkan device's storage buffers ({} MiB); "
-          "use --backend cpu",
+          "use backend 'cpu'",
           picture.width, picture.height, device_.most_range() >> 20);
     }
     if (bytes <= buffer.bytes()) return {};

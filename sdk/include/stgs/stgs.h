@@ -132,8 +132,9 @@ typedef struct stgs_io {
   size_t struct_size;
   void* user;
   uint64_t size; /* bytes; for a player that has current_size, as many as that says */
-  /* Fills `out` with the bytes [offset, offset + bytes), which lie within `size`; 0 is success, all
-   * else an error. Called by several threads at once, which are not the caller's. */
+  /* Fills `out` with the bytes [offset, offset + bytes), which lie within `size`: all of
+   * them, or it fails. 0 is success, all else an error, a number of bytes too. Called by several
+   * threads at once, which are not the caller's. */
   int (*read)(void* user, uint64_t offset, void* out, size_t bytes);
   /* Called once when nothing is read any more; NULL: nothing to do. */
   void (*close)(void* user);
@@ -308,7 +309,8 @@ STGS_API stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view);
  * STGS_ERROR_UNSUPPORTED: the camera would be more than 2^60 units away. */
 STGS_API stgs_result stgs_scene_frame_view(stgs_scene* scene, stgs_view* view);
 /* The same camera with pictures of another size; the view angle is kept an axis each, and the part
- * of the picture that the fovea covers. */
+ * of the picture that the fovea covers. STGS_ERROR_ARGUMENT, and the view stays: a size is none, or
+ * a length of the camera would not be finite. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);
 
 /* Rows of pixels in the caller's memory. */

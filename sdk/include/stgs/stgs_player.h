@@ -40,7 +40,8 @@ typedef struct stgs_player_settings {
   double ahead_seconds;    /* fetched before they are needed, at the rate of play; default 10 */
   double resume_seconds;   /* there before play goes on after it has stood still; default 0.3 */
   double patience_seconds; /* a layer is fetched so much further ahead than the next; default 1 */
-  double retry_seconds;    /* until what could not be read is tried again; default 1 */
+  double retry_seconds;    /* until what could not be read is tried again; after each failure twice
+                            * as long, up to 10; default 1 */
   uint32_t fetches;        /* reads at once, 1 to 64; default 4 */
   uint32_t url_tries;      /* of a URL: in a row without a byte, then a read fails; default 5 */
   double url_connect_seconds; /* of a URL: to a connection, then a try fails; default 10 */
@@ -139,8 +140,9 @@ STGS_API stgs_scene* stgs_player_scene(stgs_player* player);
  * buffers. */
 STGS_API stgs_result stgs_player_play(stgs_player* player);
 STGS_API stgs_result stgs_player_pause(stgs_player* player);
-/* To a moment, clamped to the clip, or to the beginning of a frame, which the clip must have
- * (STGS_ERROR_ARGUMENT). The next update is there. */
+/* To a moment, 0 at least and the beginning of the clip's last frame at most, which is where play
+ * ends; or to the beginning of a frame, which the clip must have (STGS_ERROR_ARGUMENT). The next
+ * update is there. */
 STGS_API stgs_result stgs_player_seek(stgs_player* player, double seconds);
 STGS_API stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame);
 /* -2 to 4, not 0; below 0: backwards. 1 until it is set. */
@@ -213,7 +215,8 @@ enum {
   STGS_EVENT_ENDED = 6,
   STGS_EVENT_LAYERS = 7,   /* the number of layers at the moment has changed */
   STGS_EVENT_RETRY = 8,    /* a transfer from a URL failed and is tried again */
-  STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later */
+  STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later. Once
+                            * for each piece and try: many at once where a source is down */
   STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it */
   /* The file is another one now, or has lost what it had: what has not come will not as long as it
    * is so. To see what it is, destroy the player and open it with another. */
