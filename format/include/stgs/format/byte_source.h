@@ -27,8 +27,8 @@ class ByteSource {
     (void)kept;
     return Change::kNone;
   }
-  // Whether bytes that were there when it was opened, or looked at last, have gone; answers at once.
-  // False where that is not known. Thread-safe.
+  // Whether bytes that were there when it was opened, or looked at last, have gone; answers at
+  // once. False where that is not known. Thread-safe.
   virtual bool has_lost_bytes() const { return false; }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
