@@ -27,6 +27,11 @@ constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // and so an in
 
 Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
                       const std::string& path) {
+  if (jpeg_breaks_off(bytes)) {
+    return invalid_file(
+        "{}: cannot decode this picture: the JPEG breaks off at byte {}; copy it again", path,
+        bytes.size());
+  }
   const int size = static_cast<int>(bytes.size());
   Image8 image;
   if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
@@ -59,6 +64,26 @@ Status check_picture_size(std::int64_t width, std::int64_t height, const std::st
                        height, kMaxPicturePixels);
   }
   return {};
+}
+
+bool jpeg_breaks_off(std::span<const std::uint8_t> bytes) {
+  constexpr std::uint8_t kMark = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9;
+  if (bytes.size() < 2 || bytes[0] != kMark || bytes[1] != kStartOfImage) return false;
+  std::size_t at = 2;
+  while (at + 1 < bytes.size()) {
+    // Between segments stands the data of scans, where 0 or a restart may follow a mark.
+    const std::uint8_t code = bytes[at + 1];
+    const bool segment = code >= 0xc0 && (code < 0xd0 || code > kStartOfImage) && code != kMark;
+    if (bytes[at] != kMark || !segment) {
+      ++at;
+      continue;
+    }
+    if (code == kEndOfImage) return false;
+    at += 2;
+    // A thumbnail within a segment has marks of its own.
+    if (at + 1 < bytes.size()) at += std::size_t{256} * bytes[at] + bytes[at + 1];
+  }
+  return true;
 }
 
 Result<Image8> read_image8(const std::string& path, int channels) {

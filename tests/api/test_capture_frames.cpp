@@ -181,13 +181,14 @@ TEST_CASE("missing and damaged n3dv files are named") {
 }
 
 // Folders of pictures with a cameras.json.
-void write_picture_capture(const TemporaryFolder& folder, int frames) {
+void write_picture_capture(const TemporaryFolder& folder, int frames,
+                           const std::string& extension = "png") {
   std::string list;
   for (int i = 0; i < 3; ++i) {
     const Camera c = known_camera(i, 3, "");
     list += fmt::format("{}\"c{}\":{{\"K\":{},\"w2c\":{}}}", i == 0 ? "" : ",", i,
                         json_list(matrix_k(c)), json_list(world_to_camera(c)));
-    write_pictures(folder / fmt::format("images/c{}", i), i, frames);
+    write_pictures(folder / fmt::format("images/c{}", i), i, frames, extension);
   }
   write_text(folder / "cameras.json", "{" + list + "}");
 }
@@ -216,6 +217,38 @@ TEST_CASE("pictures of mixed sizes, missing and damaged ones are named with came
   fs::remove(folder / "images/c1/000002.png");
   PreparedCapture missing;
   CHECK(says(write(folder.path, {}, folder / "out5", missing), {"'c1' has 2 frames"}));
+}
+
+TEST_CASE("a JPEG that was cut short is named, and one with bytes behind its end is read") {
+  const TemporaryFolder folder;
+  write_picture_capture(folder, 3, "jpg");
+  const std::string path = folder / "images/c1/000002.jpg";
+  PrepareSettings settings;
+  settings.scale = GENERATE(1.0, 0.5);  // copied, and decoded by OpenCV
+  std::string bytes;
+  {
+    std::ifstream file(path, std::ios::binary);
+    bytes.assign(std::istreambuf_iterator<char>(file), {});
+  }
+  // A thumbnail in a segment, and what cameras leave behind the picture.
+  const std::string thumbnail = std::string("\xff\xe1\0\x08\xff\xd8\xff\xd9", 8) + "ab";
+  const std::string whole = bytes.substr(0, 2) + thumbnail + bytes.substr(2);
+  write_bytes(path, whole + std::string(64, '\0') + "more");
+  PreparedCapture read;
+  REQUIRE(write(folder.path, settings, folder / "out1", read).ok());
+  CHECK(load_frame(read, read.cameras[1], 2).ok());
+
+  for (const std::size_t kept : {whole.size() - 2, whole.size() / 2}) {
+    write_bytes(path, whole.substr(0, kept));
+    PreparedCapture cut;
+    const Status status = write(folder.path, settings, folder / "out2", cut);
+    CHECK(status.code() == StatusCode::kInvalidFile);
+    CHECK(says(status, {"c1/000002.jpg", "camera 'c1' frame 2", "breaks off"}));
+  }
+  // Of a capture that was damaged once it was prepared.
+  if (settings.scale != 1.0) return;
+  shorten(read.frame_path(read.cameras[1], 2), whole.size() / 2);
+  CHECK(says(load_frame(read, read.cameras[1], 2).status(), {"c1/000002.jpg", "breaks off"}));
 }
 
 TEST_CASE("damaged cameras.json") {

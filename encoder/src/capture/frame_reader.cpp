@@ -6,6 +6,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "capture_files.h"
+#include "stgs/encoder/image_file.h"
+
 namespace stgs::encoder {
 namespace {
 
@@ -32,6 +35,14 @@ Status check_size(const std::string& path, const SourceCamera& camera, int frame
       "{}: camera '{}' frame {} is {}x{}, but the camera's frames before it are "
       "{}x{}; a camera's frames must have one size",
       path, camera.name, frame, image.cols, image.rows, width, height);
+}
+
+// kInvalidFile for a JPEG that was cut short, of which OpenCV makes a picture that is partly grey.
+Status check_whole(const std::string& path, const std::string& what) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  if (!jpeg_breaks_off(bytes)) return {};
+  return invalid_file("{}: {} cannot be decoded: the JPEG breaks off at byte {}; copy it again",
+                      path, what, bytes.size());
 }
 
 // Decodes the camera's picture of a frame, of any size.
@@ -70,6 +81,7 @@ class OpenCvVideoReader final : public VideoReader {
 Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags) {
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored)) return io_error("{}: {} is missing", path, what);
+  STGS_TRY(check_whole(path, what));
   try {
     cv::Mat image = cv::imread(path, flags);
     if (!image.empty()) return image;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 
 #include "stgs/encoder/prepared_capture.h"
@@ -16,7 +17,12 @@ inline constexpr std::int64_t kMaxPicturePixels = std::int64_t{1} << 28;
 // kMaxPictureSide, kUnsupported above kMaxPicturePixels.
 Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path);
 
-// Decodes to `channels` (1 or 3) channels. The stated size is looked at before anything is decoded.
+// Whether a file's bytes are those of a JPEG that was cut short: its end-of-image marker is not
+// there. Decoders fill in grey what is missing. What follows the marker may be anything.
+bool jpeg_breaks_off(std::span<const std::uint8_t> bytes);
+
+// Decodes to `channels` (1 or 3) channels. The stated size is looked at before anything is decoded;
+// kInvalidFile where it is no whole picture.
 Result<Image8> read_image8(const std::string& path, int channels);
 
 }  // namespace stgs::encoder
