@@ -283,6 +283,20 @@ Status Trainer::save_checkpoint() {
   return ranks_.first() ? write_checkpoint(settings_.checkpoint, state_, fingerprint()) : Status();
 }
 
+Status Trainer::save_checkpoint_if_possible() {
+  if (settings_.checkpoint.empty()) return {};
+  STGS_TRY(synchronise());
+  if (!ranks_.first()) return {};
+  const Status written = write_checkpoint(settings_.checkpoint, state_, fingerprint());
+  // A full disk stays full: its first checkpoint and that of the end are told.
+  if (!written.ok() && (!checkpoint_failed_ || finished())) {
+    log_(1, fmt::format("iteration {}: {}, and its checkpoint is not written: {}", state_.iteration,
+                        finished() ? "training is done" : "training goes on", written.message()));
+  }
+  checkpoint_failed_ = !written.ok();
+  return {};
+}
+
 Result<bool> Trainer::tick() {
   Lockstep::Moment moment{seconds_before_ + seconds_since(started_),
                           seconds_since(reported_) >= kProgressInterval};
@@ -399,7 +413,7 @@ Status Trainer::train() {
     if (progress || log_due()) STGS_TRY(read_steps());
     if (log_due() && ranks_.first()) write_log();
     STGS_TRY(measure_held_out());
-    if (checkpoint) STGS_TRY(save_checkpoint());
+    if (checkpoint && !finished()) STGS_TRY(save_checkpoint_if_possible());
     if (!progress) continue;
     STGS_ASSIGN(const bool go_on, report_progress());
     if (!go_on) {
@@ -411,7 +425,7 @@ Status Trainer::train() {
     }
   }
   STGS_TRY(synchronise());
-  STGS_TRY(save_checkpoint());
+  STGS_TRY(save_checkpoint_if_possible());
   // After the checkpoint, which takes the state from the backend once more.
   if (const std::size_t broken = remove_broken(state_); broken > 0) {
     if (state_.size() == 0) {

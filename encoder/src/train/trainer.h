@@ -76,7 +76,10 @@ class Trainer {
   Status densify();
   // The state is here, and the same on all ranks.
   Status synchronise();
+  // kIo where it cannot be written.
   Status save_checkpoint();
+  // As that, where the scene counts for more: what cannot be written is a warning.
+  Status save_checkpoint_if_possible();
   // After a step: the clock, and whether progress is to be reported.
   Result<bool> tick();
   // False: stop.
@@ -103,7 +106,8 @@ class Trainer {
   std::unique_ptr<TrainBackend> backend_;
   StepOutput last_;  // of the steps read
   bool steps_undone_ = false;
-  std::uint64_t steps_read_ = 0;  // iterations, a view each, whose loss has been taken in
+  bool checkpoint_failed_ = false;  // the last one
+  std::uint64_t steps_read_ = 0;    // iterations, a view each, whose loss has been taken in
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   double seconds_before_ = 0;  // spent by the runs that this one goes on from
