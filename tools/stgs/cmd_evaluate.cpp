@@ -140,6 +140,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
     STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), file_));
     STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), file_));
+    encoder::warn_of_other_capture(capture_, timeline->metadata(), file_, session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));

@@ -114,7 +114,7 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
 
 // The test pictures of the capture that the scene is of.
 Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
-                                    const std::string& folder) {
+                                    const std::string& folder, const LogSink& log) {
   if (scene.parts.size() > 1) {
     return usage_error(
         "the loss against a capture is measured for one scene, not for {} windows: use 'stgs "
@@ -124,6 +124,7 @@ Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
   STGS_ASSIGN(const PreparedCapture whole, read_prepared_capture(folder));
   STGS_ASSIGN(const PreparedCapture capture, shown_part(whole, scene.metadata, name));
   STGS_TRY(check_same_moments(capture, scene.metadata, name));
+  warn_of_other_capture(capture, scene.metadata, name, log);
   STGS_ASSIGN(HeldOutViews views, HeldOutViews::load(capture));
   if (views.empty()) return usage_error("{}: has no test cameras", folder);
   return views;
@@ -160,7 +161,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(set_space(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty()) {
-    STGS_ASSIGN(views, held_out_views(scene, scene_paths.front(), settings.against));
+    STGS_ASSIGN(views, held_out_views(scene, scene_paths.front(), settings.against, log));
   }
   STGS_TRY(go_on(0.1, "compressing"));
   double done = 0.1;  // the number of attempts is not known: each takes a part of what is left

@@ -4,6 +4,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "stgs/encoder/camera_json.h"
@@ -27,6 +28,21 @@ std::uint64_t capture_id(const PreparedCapture& capture) {
                {"scene", {capture.near_plane, capture.extent, capture.scene_radius}}};
   for (const Camera& camera : capture.cameras) json["cameras"].push_back(camera_to_json(camera));
   return hash_of(json);
+}
+
+// Within what floats keep of a capture's doubles. How large the pictures are may differ: the same
+// capture may have been prepared at another scale.
+bool same_place(const Camera& camera, const StartCamera& start, double extent) {
+  constexpr double kRounding = 1e-5;
+  double length = extent;
+  for (const double t : camera.translation) length = std::max(length, std::abs(t));
+  for (int i = 0; i < 9; ++i) {
+    if (std::abs(camera.rotation[i] - start.rotation[i]) > kRounding) return false;
+  }
+  for (int i = 0; i < 3; ++i) {
+    if (std::abs(camera.translation[i] - start.translation[i]) > kRounding * length) return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -91,6 +107,20 @@ Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& sce
       "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", name,
       scene.frames, scene.time_base.numerator, scene.time_base.denominator, shown.folder,
       shown.frames, shown.time_base.numerator, shown.time_base.denominator);
+}
+
+void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
+                           const std::string& name, const LogSink& log) {
+  if (!log || !scene.start_camera) return;
+  const bool known =
+      std::any_of(capture.cameras.begin(), capture.cameras.end(), [&](const Camera& camera) {
+        return same_place(camera, *scene.start_camera, capture.extent);
+      });
+  if (known) return;
+  log(1, fmt::format("{}: no camera of {} stands where the scene's start camera does: the scene is "
+                     "of another capture, or that was calibrated again; give the prepared capture "
+                     "that it was trained on",
+                     name, capture.folder));
 }
 
 }  // namespace stgs::encoder

@@ -43,6 +43,12 @@ Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMe
 Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
                           const std::string& name);
 
+// Warns where no camera of a capture stands where the scene's start camera does, which is one of
+// those that it was trained on: what is measured is then of another place. A scene without a start
+// camera tells nothing. `log` may be null.
+void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
+                           const std::string& name, const LogSink& log);
+
 // What windows must have been trained with alike to be merged, as a number:
 // CaptureWindow::training. The hyper-parameters as they are used, however they were written, the
 // ablation, the time limit and the content of the perceptual loss's file; not the seed. Reads that
