@@ -1,9 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prepared captures that are not whole, or not those that a scene was trained on."""
 import json
+import os
 import unittest
 
 from harness import CliTest
+
+IO = 2
+
+
+class PartOfACapture(CliTest):
+    def test_a_folder_without_its_points_is_not_trained_on(self):
+        for name in ("points_static.ply", "points_dynamic.ply"):
+            with self.subTest(name=name):
+                folder = self.copy_capture(name[:-4])
+                os.remove(os.path.join(folder, name))
+                self.fails(IO, f"{name}: is missing, .*prepare", "train", folder, "--preset",
+                           "fast", "--iterations", "5", "-o", "scene.stgs")
+                self.assertFalse(os.path.exists(self.path("scene.stgs")))
 
 
 class OtherCapture(CliTest):

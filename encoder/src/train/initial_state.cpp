@@ -75,15 +75,25 @@ void thin(std::vector<InitialPoint>& points, std::size_t limit, Random random) {
   points = std::move(kept);
 }
 
+// Of a file that 'prepare' always writes, be it with no points.
+Result<std::vector<InitialPoint>> read_prepared_points(const std::string& path) {
+  std::error_code ignored;
+  if (std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found) {
+    return io_error(
+        "{}: is missing, so the folder is not what 'stgs prepare' made; copy it again, or "
+        "prepare the capture again",
+        path);
+  }
+  return read_points(path);
+}
+
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed) {
-  STGS_ASSIGN(std::vector<InitialPoint> fixed, read_points(capture.folder + "/points_static.ply"));
-  std::vector<InitialPoint> moving;
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
-  if (std::filesystem::exists(dynamic_path)) {
-    STGS_ASSIGN(moving, read_points(dynamic_path));
-  }
+  STGS_ASSIGN(std::vector<InitialPoint> fixed,
+              read_prepared_points(capture.folder + "/points_static.ply"));
+  STGS_ASSIGN(std::vector<InitialPoint> moving, read_prepared_points(dynamic_path));
   if (!ablation.initialisation && moving.empty()) {
     return usage_error(
         "--ablate initialisation has no effect: nothing was found to move in {}; "
