@@ -53,6 +53,26 @@ class Windows(CliTest):
             again = self.json_of(*self.train("-o", "parts", *windows, *same))
             self.assertEqual([row["training"] for row in again["windows"]], [None] * 3)
 
+    def test_a_folder_keeps_the_windows_of_one_plan(self):
+        self.succeeds(*self.train("-o", "parts", "--window", "3"))
+        os.remove(self.path("parts/000000-000003.stgs"))
+        self.fails(USAGE, r"parts/000003-000006.stgs: is a window \(frames 3:6\) of another plan than "
+                   "--window 4 --overlap 2; remove it or name another folder",
+                   *self.train("-o", "parts", "--window", "4", "--overlap", "2"))
+        self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
+        # However a window came to be there; and a part of the plan does not make it another.
+        self.succeeds(*self.train("-o", "parts/first.stgs", "--frames", "0:4"))
+        for part in ([], ["--part", "1"]):
+            self.fails(USAGE, r"first.stgs: is a window \(frames 0:4\) of another plan",
+                       *self.train("-o", "parts", "--window", "3", *part))
+        os.remove(self.path("parts/first.stgs"))
+        # Before anything is trained, whichever window it is.
+        self.fails(USAGE, "000003-000006.stgs: is of another capture or was trained with other",
+                   *self.train("-o", "parts", "--window", "3", "--set", "lr_time=0.02"))
+        self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
+        self.succeeds(*self.train("-o", "parts", "--window", "3", "--part", "0"))
+        self.assertEqual(len(os.listdir(self.path("parts"))), 2)
+
     def test_a_window_is_measured_and_drawn_at_its_own_frames(self):
         self.succeeds(*self.train("-o", "part.stgs", "--frames", "4:6"))
         prepared = self.fixture("prepared")

@@ -83,6 +83,7 @@ class Train final : public Command {
     }
     STGS_TRY(check_can_make_folder(output_));
     STGS_ASSIGN(const auto spans, windows_.spans(capture));
+    STGS_TRY(windows_.check_folder(capture, output_));
     return train_windows(capture, spans, output_, options_.report(), settings, session);
   }
 

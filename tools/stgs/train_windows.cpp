@@ -2,6 +2,7 @@
 #include "train_windows.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 
 #include "encode_options.h"
@@ -11,6 +12,15 @@
 namespace stgs::tools {
 namespace {
 
+// Of a window, without its ending.
+std::string name_of(const encoder::FrameSpan& span) {
+  return fmt::format("{:06}-{:06}", span.begin, span.end);
+}
+
+std::string path_of(const std::string& folder, const encoder::FrameSpan& span) {
+  return fmt::format("{}/{}.stgs", folder, name_of(span));
+}
+
 std::string checkpoint_of(const std::string& path) {
   return path + ".ckpt";
 }
@@ -18,6 +28,18 @@ std::string checkpoint_of(const std::string& path) {
 void remove_checkpoint(const std::string& path) {
   std::error_code ignored;
   std::filesystem::remove(checkpoint_of(path), ignored);
+}
+
+// The scene files of a folder, in the order of their names; none where there is no such folder.
+std::vector<std::string> scenes_in(const std::string& folder) {
+  std::vector<std::string> paths;
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    const std::filesystem::path& path = entry.path();
+    if (path.extension() == ".stgs" && entry.is_regular_file(ignored)) paths.push_back(path);
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
 }
 
 // Whether the window has been trained, the same way (settings_id); the error tells of another file
@@ -96,6 +118,28 @@ Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
   return std::vector<encoder::FrameSpan>{spans[static_cast<std::size_t>(part_)]};
 }
 
+Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
+                                   const std::string& folder) const {
+  STGS_ASSIGN(const auto plan, encoder::plan_windows(capture.frames, length_, overlap_));
+  STGS_ASSIGN(const encoder::PreparedCapture first, encoder::window_of(capture, plan.front()));
+  for (const std::string& path : scenes_in(folder)) {
+    const auto reader = SceneReader::open(path);
+    // What is no scene, or no window, is of another hand; in the place of a window it is told
+    // there.
+    if (!reader.ok() || !(*reader)->metadata().window) continue;
+    const SceneMetadata& scene = (*reader)->metadata();
+    const auto begin = static_cast<int>(scene.window->first_frame);
+    const encoder::FrameSpan span{begin, begin + static_cast<int>(scene.frames)};
+    const bool planned = std::find(plan.begin(), plan.end(), span) != plan.end();
+    if (planned && scene.window->capture == first.window->capture) continue;
+    return usage_error(
+        "{}: is a window (frames {}:{}) of another {}; remove it or name another folder", path,
+        span.begin, span.end,
+        planned ? "capture" : fmt::format("plan than --window {} --overlap {}", length_, overlap_));
+  }
+  return {};
+}
+
 Status train_windows(const encoder::PreparedCapture& capture,
                      const std::vector<encoder::FrameSpan>& spans, const std::string& folder,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
@@ -104,11 +148,15 @@ Status train_windows(const encoder::PreparedCapture& capture,
   std::filesystem::create_directories(folder, error);
   if (error) return io_error("{}: cannot create: {}", folder, error.message());
   STGS_ASSIGN(const std::uint64_t training, encoder::settings_id(settings));
+  // All before the first is trained: it may take hours.
+  for (const encoder::FrameSpan& span : spans) {
+    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
+    STGS_TRY(is_there(path_of(folder, span), window, training).status());
+  }
   Json windows = Json::array();
   std::string text;
   for (const encoder::FrameSpan& span : spans) {
-    const std::string name = fmt::format("{:06}-{:06}", span.begin, span.end);
-    const std::string path = fmt::format("{}/{}.stgs", folder, name);
+    const std::string name = name_of(span), path = path_of(folder, span);
     STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
     STGS_ASSIGN(const bool kept, is_there(path, window, training));
     Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};

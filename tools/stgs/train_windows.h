@@ -25,6 +25,9 @@ class WindowOptions {
   Result<encoder::PreparedCapture> capture(const std::string& folder) const;
   // With --window: the windows to train, all or that of --part.
   Result<std::vector<encoder::FrameSpan>> spans(const encoder::PreparedCapture& capture) const;
+  // With --window: kUsage, with what to do, where a window in the folder, which may not be there
+  // yet, is none of the capture and this plan: all of a folder's windows go into one file.
+  Status check_folder(const encoder::PreparedCapture& capture, const std::string& folder) const;
 
  private:
   std::string frames_;
