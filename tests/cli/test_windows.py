@@ -7,7 +7,7 @@ import subprocess
 import harness
 from harness import CliTest
 
-USAGE, INVALID, RUNTIME = 1, 3, 4
+USAGE, IO, INVALID, RUNTIME = 1, 2, 3, 4
 
 
 class Windows(CliTest):
@@ -72,6 +72,16 @@ class Windows(CliTest):
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         self.succeeds(*self.train("-o", "parts", "--window", "3", "--part", "0"))
         self.assertEqual(len(os.listdir(self.path("parts"))), 2)
+
+    def test_reports_in_the_folder_of_the_windows(self):
+        windows = ["--window", "3"]
+        self.succeeds(*self.train("-o", "new/", *windows, "--report", "./new/pages"))
+        self.assertIn("index.html", os.listdir(self.path("new/pages/000003-000006")))
+        self.fails(IO, "the folder 'none' does not exist",
+                   *self.train("-o", "none/x.stgs", "--report", "none/pages"))
+        self.fails(IO, "the folder 'none/deep' does not exist",
+                   *self.train("-o", "none", *windows, "--report", "none/deep/pages"))
+        self.assertFalse(os.path.exists(self.path("none")))
 
     def test_a_window_is_measured_and_drawn_at_its_own_frames(self):
         self.succeeds(*self.train("-o", "part.stgs", "--frames", "4:6"))

@@ -41,9 +41,10 @@ class Encode final : public Command {
     const auto kept = [this](const char* name) {
       return NamedPlace{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
-    STGS_ASSIGN(const auto training,
-                train_.settings(session,
-                                {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")}));
+    STGS_ASSIGN(
+        const auto training,
+        train_.settings(session, {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")},
+                        keep_work_));
     STGS_TRY(check_can_write(output_));
     STGS_TRY(check_profile(pack_.settings().profile));
     // Before the long prepare; again when it knows how large the pictures are.

@@ -46,7 +46,8 @@ class Train final : public Command {
           "--window trains one window after the other in one process; with several processes train "
           "each window with --frames A:B");
     }
-    STGS_ASSIGN(const auto settings, options_.settings(session, {{"--output", output_}}));
+    STGS_ASSIGN(const auto settings, options_.settings(session, {{"--output", output_}},
+                                                       windows_.several() ? output_ : ""));
     STGS_ASSIGN(const auto capture, windows_.capture(folder_));
     if (windows_.several()) return train_all(capture, settings, session);
     if (session.is_first()) STGS_TRY(check_can_write(output_));

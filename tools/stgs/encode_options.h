@@ -45,9 +45,10 @@ class TrainOptions {
   }
   void declare(CLI::App& app);
   // `written`: what the verb writes beside what these options name; kUsage where two are one.
-  // Checks that files can be written where this process is the one that writes.
-  Result<encoder::TrainSettings> settings(const Session& session,
-                                          std::vector<NamedPlace> written) const;
+  // Checks that files can be written where this process is the one that writes. `made`: a folder
+  // that the verb makes where there is none, in which they may lie; "": none.
+  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPlace> written,
+                                          const std::string& made) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }
   // The folder of the report, for JSON.
@@ -56,6 +57,7 @@ class TrainOptions {
 
  private:
   Status check_places(const std::string& log_path, std::vector<NamedPlace> places) const;
+  Status check_writable(const std::string& made) const;
 
   std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;

@@ -10,6 +10,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+std::string without_slashes(std::string folder) {
+  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
+  return folder;
+}
+
 // The name of a work folder, or of a temporary file, is a process id between these two.
 struct NameParts {
   std::string before, after;
@@ -33,14 +38,23 @@ std::vector<std::string> remove_stale_work(const std::string& path) {
 }
 
 Status check_can_make_folder(const std::string& path) {
-  std::string folder = path;
-  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
+  const std::string folder = without_slashes(path);
   std::error_code error;
   const fs::file_status status = fs::status(folder, error);
   if (fs::exists(status) && status.type() != fs::file_type::directory) {
     return io_error("{}: cannot write: it exists and is not a folder", folder);
   }
   return check_can_write(fs::exists(status) ? folder + "/probe" : folder);
+}
+
+bool lies_in_new(const std::string& path, const std::string& folder) {
+  std::error_code error;
+  if (folder.empty() || fs::status(folder, error).type() != fs::file_type::not_found) return false;
+  const auto whole = [&error](const std::string& name) {
+    return fs::weakly_canonical(fs::absolute(without_slashes(name), error), error);
+  };
+  const fs::path inner = whole(path), outer = whole(folder);
+  return !error && inner.parent_path() == outer;
 }
 
 RemovedPath::~RemovedPath() {

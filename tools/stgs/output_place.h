@@ -18,6 +18,8 @@ std::string work_name(const std::string& path);
 std::vector<std::string> remove_stale_work(const std::string& path);
 // As check_can_write, for a new or existing folder.
 Status check_can_make_folder(const std::string& path);
+// Whether a path lies right in a folder that is not there yet.
+bool lies_in_new(const std::string& path, const std::string& folder);
 
 // A path that is removed, with all in it, when this goes, unless kept.
 class RemovedPath {

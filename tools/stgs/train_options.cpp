@@ -83,8 +83,17 @@ Status TrainOptions::check_places(const std::string& log_path,
   return check_distinct(places);
 }
 
+Status TrainOptions::check_writable(const std::string& made) const {
+  for (const std::string* path : {&checkpoint_, &log_}) {
+    if (!path->empty() && !lies_in_new(*path, made)) STGS_TRY(check_can_write(*path));
+  }
+  if (report_.empty() || lies_in_new(report_, made)) return {};
+  return check_can_make_folder(report_);
+}
+
 Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
-                                                      std::vector<NamedPlace> written) const {
+                                                      std::vector<NamedPlace> written,
+                                                      const std::string& made) const {
   const CommonOptions& common = session.options;
   encoder::TrainSettings settings;
   settings.backend = common.backend;
@@ -127,11 +136,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
   if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";
   settings.ranks = session.world();
   STGS_TRY(check_places(settings.log_path, std::move(written)));
-  if (!session.is_first()) return settings;
-  for (const std::string* path : {&checkpoint_, &log_}) {
-    if (!path->empty()) STGS_TRY(check_can_write(*path));
-  }
-  if (!report_.empty()) STGS_TRY(check_can_make_folder(report_));
+  if (session.is_first()) STGS_TRY(check_writable(made));
   return settings;
 }
 
