@@ -167,6 +167,8 @@ class Preparing(CliTest):
                 self.fails(code, message, "prepare", *args, "-o", "out")
                 self.assertFalse(os.path.exists(self.path("out")))
                 self.no_leftovers()
+        for output in ("/proc/out", "file/out"):
+            self.fails(IO, f"^stgs: error: {output}: cannot create: ", "prepare", sample(), "-o", output)
 
     def test_a_video_that_is_none(self):
         shutil.copytree(sample(), self.path("capture"))

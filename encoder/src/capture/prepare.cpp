@@ -27,7 +27,7 @@ class Temporary {
          above = above.parent_path()) {
       made_.push_back(above);
     }
-    fs::create_directories(folder_);
+    fs::create_directories(folder_, error_);
   }
   ~Temporary() {
     std::error_code ignored;
@@ -38,9 +38,15 @@ class Temporary {
   Temporary& operator=(const Temporary&) = delete;
 
   const std::string& folder() const { return folder_; }
+  // Whether it is there; kIo where it could not be made, with the name that it stands in for.
+  Status made(const std::string& target) const {
+    if (!error_) return {};
+    return io_error("{}: cannot create: {}", target, error_.message());
+  }
 
  private:
   std::string folder_;
+  std::error_code error_;
   std::vector<fs::path> made_;  // the innermost first
 };
 
@@ -113,10 +119,11 @@ Status prepare(const std::string& capture, const std::string& folder,
       log_or_none(2, fmt::format("{}: removed, a killed prepare had left it", stale));
     }
     const Temporary partial(fmt::format("{}.partial-{}", target, ::getpid()));
+    STGS_TRY(partial.made(target));
     STGS_TRY(prepare_into(capture, partial.folder(), settings, progress, log_or_none));
     return replace_folder(partial.folder(), target);
   } catch (const fs::filesystem_error& error) {
-    return io_error("{}", error.what());
+    return io_error("{}: {}", error.path1().string(), error.code().message());
   } catch (const std::exception& error) {
     return runtime_error("{}: {}", capture, error.what());
   }
