@@ -568,8 +568,9 @@ class Encoding(Paging):
                 (USAGE, "--quality: 500 is out of range", ["--quality", "500"]),
                 (USAGE, "'soon' is not a value for lr_time", ["--set", "lr_time=soon"]),
                 (USAGE, "iterations is 0", ["--set", "iterations=0"]),
-                (IO, "none.ckpt", ["--resume", "none.ckpt"]),
-                (INVALID, "rubbish: not an STGS checkpoint", ["--resume", "rubbish"])]:
+                (IO, "none.ckpt", ["--keep-work", "w", "--resume", "none.ckpt"]),
+                (INVALID, "rubbish: not an STGS checkpoint",
+                 ["--keep-work", "w", "--resume", "rubbish"])]:
             with self.subTest(more=more):
                 result = self.fails(code, message, *encode, *more)
                 self.assertNotIn(b'"stage"', result.stderr, "prepare had begun")

@@ -13,19 +13,24 @@ namespace {
 class Encode final : public Command {
  public:
   Help help() const override {
-    return {"encode", "From a capture to a .stgs file: prepare, train and pack in one go",
-            "Works in a temporary folder beside the output, removed at the end; --keep-work keeps\n"
-            "the prepared capture and the lossless scene instead. Takes the options of the three\n"
-            "verbs. Ctrl-C stops it; an output that was there before stays as it was.",
-            "  stgs encode capture/ -o scene.stgs\n"
-            "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/"};
+    return {
+        "encode", "From a capture to a .stgs file: prepare, train and pack in one go",
+        "Works in a temporary folder beside the output, removed at the end; --keep-work keeps\n"
+        "the prepared capture and the lossless scene instead. Takes the options of the three\n"
+        "verbs. Ctrl-C stops it; an output that was there before stays as it was. --checkpoint\n"
+        "and --resume need --keep-work: a training goes on from the capture that is prepared\n"
+        "there, which --resume does not prepare again.",
+        "  stgs encode capture/ -o scene.stgs\n"
+        "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
+        "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
+        "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
   Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
     app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
     app.add_option("--keep-work", keep_work_,
-                   "Folder that keeps prepared/ and trained.stgs afterwards");
+                   "Folder that keeps prepared/ and trained.stgs afterwards, for --resume too");
     prepare_.declare(app);
     train_.declare(app);
     pack_.declare(app);
@@ -45,10 +50,12 @@ class Encode final : public Command {
         const auto training,
         train_.settings(session, {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")},
                         keep_work_));
+    STGS_TRY(check_going_on(training));
     STGS_TRY(check_can_write(output_));
     STGS_TRY(check_profile(pack_.settings().profile));
     // Before the long prepare; again when it knows how large the pictures are.
     STGS_TRY(encoder::check_training(training, nullptr));
+    if (!training.resume.empty()) STGS_TRY(check_kept());
     for (const std::string& folder : remove_stale_work(output_)) {
       session.log(2, fmt::format("{}: removed, a killed encode had left it", folder));
     }
@@ -66,13 +73,12 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(prepare_stage(capture_, prepared, prepare_, session,
-                           [&training](const encoder::PreparedCapture& capture) {
-                             return encoder::check_training(training, &capture);
-                           }));
+    STGS_TRY(prepare_or_go_on(prepared, training, session));
     seconds[0] = lap();
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
-    STGS_TRY(train_to_file(capture, trained, train_.report(), training, session, train_report));
+    STGS_TRY(told_how_to_go_on(
+        train_to_file(capture, trained, train_.report(), training, session, train_report),
+        training));
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
@@ -85,6 +91,51 @@ class Encode final : public Command {
   }
 
  private:
+  // kUsage where a training could not go on: its capture, prepared again, is another.
+  Status check_going_on(const encoder::TrainSettings& training) const {
+    if (training.resume.empty() && training.checkpoint.empty()) return {};
+    if (keep_work_.empty()) {
+      return usage_error(
+          "{} needs the prepared capture that a training goes on from: add --keep-work FOLDER, "
+          "which keeps it",
+          training.resume.empty() ? "--checkpoint" : "--resume");
+    }
+    if (training.resume.empty() || !prepare_.overwrites()) return {};
+    return usage_error(
+        "--resume goes on from {}/prepared, and --overwrite replaces it; leave one out",
+        keep_work_);
+  }
+
+  Status check_kept() const {
+    const std::string prepared = keep_work_ + "/prepared";
+    if (std::filesystem::exists(prepared)) return {};
+    return io_error(
+        "{}: is missing: --resume goes on from the capture that was prepared there; give the "
+        "--keep-work of the run that wrote the checkpoint",
+        prepared);
+  }
+
+  Status prepare_or_go_on(const std::string& prepared, const encoder::TrainSettings& training,
+                          Session& session) const {
+    const auto fits = [&training](const encoder::PreparedCapture& capture) {
+      return encoder::check_training(training, &capture);
+    };
+    if (training.resume.empty()) return prepare_stage(capture_, prepared, prepare_, session, fits);
+    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
+    session.log(2,
+                fmt::format("{}: goes on from it; {} is not prepared again", prepared, capture_));
+    return fits(capture);
+  }
+
+  // What became of the training, with the command that goes on where it was stopped.
+  Status told_how_to_go_on(const Status& trained, const encoder::TrainSettings& training) const {
+    const bool stopped = trained.code() == StatusCode::kRuntime && interrupted();
+    if (!stopped || !std::filesystem::exists(training.checkpoint)) return trained;
+    return runtime_error("{}: stopped while training; go on by the same command with --resume {}{}",
+                         output_, training.checkpoint,
+                         prepare_.overwrites() ? " in place of --overwrite" : "");
+  }
+
   Status report(Session& session, const encoder::TrainReport& train,
                 const encoder::PackReport& pack, const double* seconds) const {
     const Json json = {

@@ -25,6 +25,7 @@ class PrepareOptions {
   void declare(CLI::App& app);
   // Only in a build with STGS_HAS_PREPARE.
   Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
+  bool overwrites() const { return overwrite_; }
 
  private:
   std::string layout_ = "auto", frames_, test_cameras_;
