@@ -152,7 +152,9 @@ typedef struct stgs_train_settings {
   uint64_t seed;           /* default 1 */
   int32_t first_frame;     /* [first, end) of the prepared capture, a window of it that */
   int32_t end_frame;       /* stgs_encoder_pack joins with others; default 0, -1: all of it */
-  const char* checkpoint;  /* file to write now and then, when stopped, and at the end */
+  /* File to write now and then, when stopped, and at the end. Where it cannot be written, that is
+   * an error of a run that is stopped, else a warning. */
+  const char* checkpoint;
   uint32_t checkpoint_interval; /* iterations, 1 to 10^8; default 500 */
   const char* resume;           /* checkpoint to go on from; may be `checkpoint` */
   const char* log_path;         /* file of JSON lines: steps and measures */

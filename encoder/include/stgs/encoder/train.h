@@ -26,7 +26,9 @@ struct TrainSettings {
   std::string ablate;            // of ablation_names(), with commas; "": the whole method
   std::vector<std::pair<std::string, std::string>> overrides;  // --set key=value
   std::string resume;                                          // checkpoint to go on from
-  std::string checkpoint;         // where to write checkpoints; "": none
+  // Where to write checkpoints; "": none. One that cannot be written is an error of a run that is
+  // stopped, else a warning.
+  std::string checkpoint;
   int checkpoint_interval = 500;  // iterations
   std::string log_path;           // training_log.h; "": none
   // Bytes of memory for decoded training frames; 0: a share of what is available. Those that do not
