@@ -116,7 +116,8 @@ class Evaluate final : public Command {
         "from first to last frame, mean over the training cameras that see it, then over the\n"
         "primitives, each alike or by its opacity. seen: how many primitives no training\n"
         "camera sees, one alone, or more, by their centres; what two cameras do not see has a\n"
-        "depth that nothing holds. A window of a capture is measured at its own frames.",
+        "depth that nothing holds. A window of a capture is measured at its own frames; in a\n"
+        "file of several windows those of a primitive's own stand in for the clip.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }

@@ -393,7 +393,8 @@ class Info final : public Command {
             "--lifespans reads all of it and tells how long the primitives live (the time with\n"
             "O l(t) >= 1/255), how fast they move, and how many are static: they live over the\n"
             "whole clip and move, over it, by at most 0.001 of the radius around the median\n"
-            "position that holds 95 % of the primitives.",
+            "position that holds 95 % of the primitives. Where a file has several parts, as of\n"
+            "windows, a part's own moments stand in for the clip.",
             "  stgs info scene.stgs\n  stgs info scene.stgs --lifespans --format json"};
   }
   Shared shared() const override { return {}; }
