@@ -14,8 +14,9 @@ namespace stgs::player::vulkan {
 namespace {
 
 constexpr std::uint64_t kBlockBytes = std::uint64_t{256} << 20;
-// Bytes that wait to be copied at most, and that spare buffers have.
-constexpr std::uint64_t kWaiting = std::uint64_t{64} << 20;
+// Bytes that wait to be copied at most, and that buffers are made for before play; frames on their
+// way may give back twice as much.
+constexpr std::uint64_t kWaiting = std::uint64_t{64} << 20, kSpare = 2 * kWaiting;
 
 }  // namespace
 
@@ -29,11 +30,24 @@ void SegmentCache::create(Device& device, std::uint64_t block_bytes) {
 }
 
 Status SegmentCache::begin(const SceneReader& /*reader*/) {
+  spare_.clear();  // of another scene's size
   return {};
 }
 
+// To make a buffer takes milliseconds, which a picture does not have while it plays.
 void SegmentCache::reserve(std::uint64_t bytes) {
   memory_.reserve(bytes);
+  const std::uint64_t each = host_bytes();
+  for (std::uint64_t all = each; all <= std::min(bytes, kWaiting); all += each) {
+    Buffer buffer;
+    if (!buffer.create(*device_, each, Place::kHost).ok()) return;  // told where one is needed
+    spare_.push_back(std::move(buffer));
+  }
+}
+
+// Of a host buffer: what any piece of the scene fits in, so that each serves for all.
+std::uint64_t SegmentCache::host_bytes() const {
+  return bytes_of(std::min<std::uint64_t>(fullest().primitives, kPiece));
 }
 
 std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
@@ -99,19 +113,16 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::si
   return {};
 }
 
-// The smallest spare one that is large enough, or a new one.
+// A spare one that is large enough, or a new one.
 Result<Buffer> SegmentCache::host_buffer(std::uint64_t bytes) {
-  auto best = spare_.end();
-  for (auto one = spare_.begin(); one != spare_.end(); ++one) {
-    if (one->bytes() < bytes) continue;
-    if (best == spare_.end() || one->bytes() < best->bytes()) best = one;
-  }
+  const auto spare = std::find_if(spare_.begin(), spare_.end(),
+                                  [&](const Buffer& one) { return one.bytes() >= bytes; });
   Buffer buffer;
-  if (best != spare_.end()) {
-    buffer = std::move(*best);
-    spare_.erase(best);
+  if (spare != spare_.end()) {
+    buffer = std::move(*spare);
+    spare_.erase(spare);
   } else {
-    STGS_TRY(buffer.create(*device_, bytes, Place::kHost));
+    STGS_TRY(buffer.create(*device_, std::max(bytes, host_bytes()), Place::kHost));
   }
   return buffer;
 }
@@ -159,7 +170,7 @@ void SegmentCache::take_back(std::vector<Buffer> buffers) {
   for (const Buffer& buffer : spare_) bytes += buffer.bytes();
   for (Buffer& buffer : buffers) {
     bytes += buffer.bytes();
-    if (bytes <= kWaiting) spare_.push_back(std::move(buffer));
+    if (bytes <= kSpare) spare_.push_back(std::move(buffer));
   }
 }
 

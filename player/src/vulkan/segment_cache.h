@@ -58,6 +58,7 @@ class SegmentCache final : public DeviceSegments {
   void give_back(Pieces& pieces, std::uint32_t segment);
   // Sends primitives from `first` on to a room of their own.
   Status send_room(const Gaussians4D& set, std::size_t first, Piece& piece);
+  std::uint64_t host_bytes() const;
   Result<Buffer> host_buffer(std::uint64_t bytes);
   Status copy_now();
 
