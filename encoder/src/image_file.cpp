@@ -29,8 +29,9 @@ Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
                       const std::string& path) {
   if (jpeg_breaks_off(bytes)) {
     return invalid_file(
-        "{}: cannot decode this picture: the JPEG breaks off at byte {}; copy it again", path,
-        bytes.size());
+        "{}: cannot decode this picture: in {} bytes of JPEG there is no end-of-image marker: it "
+        "was cut short, or its writer left that out; copy it again, or write it anew",
+        path, bytes.size());
   }
   const int size = static_cast<int>(bytes.size());
   Image8 image;

@@ -243,12 +243,13 @@ TEST_CASE("a JPEG that was cut short is named, and one with bytes behind its end
     PreparedCapture cut;
     const Status status = write(folder.path, settings, folder / "out2", cut);
     CHECK(status.code() == StatusCode::kInvalidFile);
-    CHECK(says(status, {"c1/000002.jpg", "camera 'c1' frame 2", "breaks off"}));
+    CHECK(says(status, {"c1/000002.jpg", "camera 'c1' frame 2", "no end-of-image marker"}));
   }
   // Of a capture that was damaged once it was prepared.
   if (settings.scale != 1.0) return;
   shorten(read.frame_path(read.cameras[1], 2), whole.size() / 2);
-  CHECK(says(load_frame(read, read.cameras[1], 2).status(), {"c1/000002.jpg", "breaks off"}));
+  CHECK(says(load_frame(read, read.cameras[1], 2).status(),
+             {"c1/000002.jpg", "no end-of-image marker"}));
 }
 
 TEST_CASE("damaged cameras.json") {

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include "command.h"
 #include "encode_options.h"
@@ -9,6 +10,20 @@
 
 namespace stgs::tools {
 namespace {
+
+// When a file was written; none where there is no such file.
+using WriteTime = std::optional<std::filesystem::file_time_type>;
+
+WriteTime write_time(const std::string& path) {
+  std::error_code error;
+  const auto time = std::filesystem::last_write_time(path, error);
+  return error ? WriteTime() : time;
+}
+
+// A checkpoint that lay there before may be of a capture that is no more.
+bool was_written(const std::string& path, const WriteTime& before) {
+  return write_time(path) && write_time(path) != before;
+}
 
 class Encode final : public Command {
  public:
@@ -76,9 +91,10 @@ class Encode final : public Command {
     STGS_TRY(prepare_or_go_on(prepared, training, session));
     seconds[0] = lap();
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
+    const WriteTime checkpoint_before = write_time(training.checkpoint);
     STGS_TRY(told_how_to_go_on(
-        train_to_file(capture, trained, train_.report(), training, session, train_report),
-        training));
+        train_to_file(capture, trained, train_.report(), training, session, train_report), training,
+        checkpoint_before));
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
@@ -128,9 +144,10 @@ class Encode final : public Command {
   }
 
   // What became of the training, with the command that goes on where it was stopped.
-  Status told_how_to_go_on(const Status& trained, const encoder::TrainSettings& training) const {
+  Status told_how_to_go_on(const Status& trained, const encoder::TrainSettings& training,
+                           const WriteTime& checkpoint_before) const {
     const bool stopped = trained.code() == StatusCode::kRuntime && interrupted();
-    if (!stopped || !std::filesystem::exists(training.checkpoint)) return trained;
+    if (!stopped || !was_written(training.checkpoint, checkpoint_before)) return trained;
     return runtime_error("{}: stopped while training; go on by the same command with --resume {}{}",
                          output_, training.checkpoint,
                          prepare_.overwrites() ? " in place of --overwrite" : "");

@@ -41,8 +41,10 @@ Status check_size(const std::string& path, const SourceCamera& camera, int frame
 Status check_whole(const std::string& path, const std::string& what) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   if (!jpeg_breaks_off(bytes)) return {};
-  return invalid_file("{}: {} cannot be decoded: the JPEG breaks off at byte {}; copy it again",
-                      path, what, bytes.size());
+  return invalid_file(
+      "{}: {} cannot be decoded: in {} bytes of JPEG there is no end-of-image marker: it was cut "
+      "short, or its writer left that out; copy it again, or write it anew",
+      path, what, bytes.size());
 }
 
 // Decodes the camera's picture of a frame, of any size.

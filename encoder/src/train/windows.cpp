@@ -117,9 +117,9 @@ void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& 
         return same_place(camera, *scene.start_camera, capture.extent);
       });
   if (known) return;
-  log(1, fmt::format("{}: no camera of {} stands where the scene's start camera does: the scene is "
-                     "of another capture, or that was calibrated again; give the prepared capture "
-                     "that it was trained on",
+  log(1, fmt::format("{}: no camera of {} stands where the scene's start camera does: the scene "
+                     "may be of another capture, or that was calibrated again; give the prepared "
+                     "capture that it was trained on",
                      name, capture.folder));
 }
 

@@ -17,8 +17,9 @@ inline constexpr std::int64_t kMaxPicturePixels = std::int64_t{1} << 28;
 // kMaxPictureSide, kUnsupported above kMaxPicturePixels.
 Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path);
 
-// Whether a file's bytes are those of a JPEG that was cut short: its end-of-image marker is not
-// there. Decoders fill in grey what is missing. What follows the marker may be anything.
+// Whether a file's bytes are those of a JPEG without an end-of-image marker: one that was cut
+// short, of which decoders make a picture that is partly grey, or one whose writer left the marker
+// out, which cannot be told apart. What follows the marker may be anything.
 bool jpeg_breaks_off(std::span<const std::uint8_t> bytes);
 
 // Decodes to `channels` (1 or 3) channels. The stated size is looked at before anything is decoded;

@@ -43,9 +43,9 @@ Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMe
 Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
                           const std::string& name);
 
-// Warns where no camera of a capture stands where the scene's start camera does, which is one of
-// those that it was trained on: what is measured is then of another place. A scene without a start
-// camera tells nothing. `log` may be null.
+// Warns where no camera of a capture stands where the scene's start camera does: a scene that was
+// trained here has one of its capture's, so that what is measured may be of another place. A scene
+// without a start camera tells nothing. `log` may be null.
 void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
                            const std::string& name, const LogSink& log);
 
