@@ -207,6 +207,14 @@ TEST_CASE("a file that is cut while it plays is told as often as it is, and made
     REQUIRE(p.complete());
     CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
   }
+  // What comes from before a cut does not make it another one.
+  std::filesystem::resize_file(path, (clip().pieces_at + clip().bytes.size()) / 2);
+  for (const double moment : {0.3, 2.9, 0.6, 2.1, 0.9, 1.8, 1.2}) {
+    REQUIRE(p.player->seek(moment).ok());
+    REQUIRE(p.until([&] { return p.player->settled(); }));
+  }
+  ++times;
+  REQUIRE(p.until([&] { return p.count(Kind::kReplaced) >= times; }));
   CHECK(p.said(Kind::kLost, "have gone since it was opened"));
   CHECK(p.said(Kind::kReplaced, "it was overwritten or cut"));
   CHECK(p.count(Kind::kReplaced) == times);

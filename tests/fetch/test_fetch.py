@@ -127,6 +127,14 @@ class Ranges(unittest.TestCase):
             self.assertEqual(out["open"]["code"], 2)
             self.assertRegex(out["open"]["message"], "given up after 2 tries at byte 0")
 
+    def test_connecting_is_not_silence_after_a_redirection_either(self):
+        with socket.create_server(("127.0.0.1", 0)) as mute:  # takes connections, and says nothing
+            place = f"https://127.0.0.1:{mute.getsockname()[1]}/scene.stgs"
+            with FaultyServer(DATA, [{"redirect": place}]) as server:
+                out = probe(server.url, settings="tries=1,stall_seconds=0.3,connect_seconds=2")
+        self.assertEqual(out["open"]["code"], 2)
+        self.assertIn("connection timeout", out["open"]["message"])
+
     def test_a_redirection_is_followed_and_other_protocols_are_not(self):
         with FaultyServer(DATA) as target:
             with FaultyServer(DATA, [{"redirect": target.url}]) as server:

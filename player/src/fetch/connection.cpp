@@ -16,6 +16,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr double kLeastStall = 0.1;      // seconds
 constexpr int kPollMilliseconds = 1000;  // between looks at timeouts; a stop wakes it at once
 
 std::string_view trimmed(std::string_view text) {
@@ -121,7 +122,8 @@ struct Connection::Reply {
   std::string etag, modified, encoding;
   std::string refused;  // why the body is not taken
   StatusCode code = StatusCode::kIo;
-  Clock::time_point heard = Clock::now();  // when anything of it came last
+  bool connected = false;                  // to who is asked now
+  Clock::time_point heard = Clock::now();  // when that was, or anything of it came last
   char error[CURL_ERROR_SIZE] = {};
 
   long status() const {
@@ -132,6 +134,7 @@ struct Connection::Reply {
 
   void header(std::string_view line) {
     if (line.starts_with("HTTP/")) {
+      connected = status() / 100 != 3;  // elsewhere next
       range = {};
       etag.clear();
       modified.clear();
@@ -174,12 +177,12 @@ struct Connection::Reply {
     return true;
   }
 
-  // Connecting has a time of its own.
-  bool is_connected() const {
-    curl_off_t after = 0;
-    return curl_easy_getinfo(easy, CURLINFO_PRETRANSFER_TIME_T, &after) == CURLE_OK && after > 0;
+  // Before each request, of a chain of redirections too.
+  static int on_connected(void* reply, char*, char*, int, int) {
+    static_cast<Reply*>(reply)->connected = true;
+    static_cast<Reply*>(reply)->heard = Clock::now();
+    return CURL_PREREQFUNC_OK;
   }
-
   static std::size_t on_header(char* bytes, std::size_t size, std::size_t count, void* reply) {
     static_cast<Reply*>(reply)->heard = Clock::now();
     static_cast<Reply*>(reply)->header({bytes, size * count});
@@ -199,7 +202,9 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   self->stop_ = settings.stop;
   CURL* easy = self->easy_;
   if (easy == nullptr || self->multi_ == nullptr) return nullptr;
-  self->stall_ = std::chrono::milliseconds(milliseconds(settings.stall_seconds));
+  self->stall_ =
+      std::chrono::milliseconds(milliseconds(std::max(settings.stall_seconds, kLeastStall)));
+  self->connect_ = std::chrono::milliseconds(milliseconds(settings.connect_seconds));
   curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
@@ -212,6 +217,7 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
 #endif
   curl_easy_setopt(easy, CURLOPT_TCP_KEEPALIVE, 1L);
   curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, milliseconds(settings.connect_seconds));
+  curl_easy_setopt(easy, CURLOPT_PREREQFUNCTION, Reply::on_connected);
   curl_easy_setopt(easy, CURLOPT_HEADERFUNCTION, Reply::on_header);
   curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, Reply::on_body);
   return self;
@@ -232,9 +238,10 @@ CURLcode Connection::perform(Reply& reply, bool& stopped) {
   if (curl_multi_add_handle(multi_, easy_) != CURLM_OK) return result;
   for (int running = 1; running > 0 && !stopped;) {
     CURLMcode code = curl_multi_perform(multi_, &running);
-    if (!reply.is_connected()) reply.heard = Clock::now();
+    // Connecting has a time of its own, which libcurl keeps.
+    const auto limit = reply.connected ? stall_ : stall_ + connect_;
     const auto left =
-        std::chrono::ceil<std::chrono::milliseconds>(reply.heard + stall_ - Clock::now());
+        std::chrono::ceil<std::chrono::milliseconds>(reply.heard + limit - Clock::now());
     if (running > 0 && left.count() <= 0) {
       fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "nothing came for {:g} s",
                        std::chrono::duration<double>(stall_).count());
@@ -264,6 +271,7 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out,
   reply.out = out;
   const std::string range = fmt::format("{}-{}", offset, offset + out.size() - 1);
   curl_easy_setopt(easy_, CURLOPT_RANGE, range.c_str());
+  curl_easy_setopt(easy_, CURLOPT_PREREQDATA, &reply);
   curl_easy_setopt(easy_, CURLOPT_HEADERDATA, &reply);
   curl_easy_setopt(easy_, CURLOPT_WRITEDATA, &reply);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, reply.error);

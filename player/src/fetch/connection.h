@@ -54,7 +54,7 @@ class Connection {
   CURLM* multi_ = nullptr;
   CURL* easy_ = nullptr;
   std::stop_token stop_;
-  std::chrono::milliseconds stall_{0};
+  std::chrono::milliseconds stall_{0}, connect_{0};
 };
 
 }  // namespace stgs::player

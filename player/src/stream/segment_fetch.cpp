@@ -278,10 +278,12 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
   if (!status.ok()) throughput_.forget();
 }
 
-// Of a recording that grows, who follows it looks.
+// Of a recording that is followed, who follows it looks.
 void SegmentStore::tell_shorter(bool came, const Status& status) noexcept {
-  if (reader_->form() == SceneForm::kGrowing || (!came && status.ok())) return;
-  const bool shorter = !came && source_->has_lost_bytes();
+  const bool followed = settings_.live.follow && reader_->form() == SceneForm::kGrowing;
+  // What lies before the end comes of a file that was cut too.
+  if (followed || (came ? !is_shorter_ : status.ok())) return;
+  const bool shorter = source_->has_lost_bytes();
   if (std::exchange(is_shorter_, shorter) != shorter) on_shorter_(shorter);
 }
 

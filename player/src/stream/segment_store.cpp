@@ -387,8 +387,9 @@ void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kin
   constexpr double kLongest = 10;  // seconds
   release(piece, At::kLost);
   PieceState& own = state(piece);
-  own.patience = own.patience > 0 ? std::min(2 * own.patience, kLongest)
-                                  : std::max(settings_.retry_seconds, 1e-3);
+  own.patience = own.patience > 0
+                     ? std::min(2 * own.patience, std::max(kLongest, settings_.retry_seconds))
+                     : std::max(settings_.retry_seconds, 1e-3);
   own.retry = for_ever ? kForEver : clock_seconds() + own.patience;
   // Harmonics are nothing without their base.
   const Piece harmonics{piece.segment, true};

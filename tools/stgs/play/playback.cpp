@@ -69,7 +69,9 @@ Status Playback::begin() {
 }
 
 double Playback::advance(double now) {
+  const bool played = player_->state() == PlayerState::kPlaying;
   const double moment = player_->advance(now);
+  if (played && player_->state() == PlayerState::kBuffering) ++stalls_;
   if (player_->live().following) rate_ = 1;
   take_events(now);
   return moment;
@@ -153,7 +155,6 @@ void Playback::toggle_loop() {
 
 void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
-    if (event.kind == PlayerEvent::Kind::kBuffering) ++stalls_;
     if (event.message.empty()) continue;
     notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
     tell_event(session_, event);

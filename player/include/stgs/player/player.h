@@ -68,7 +68,7 @@ struct PlayerSettings {
   double resume_seconds = 0.3;  // that must be there before play goes on after it has stood still
   // A layer's worth: how much further ahead a layer is fetched than the next.
   double layer_patience_seconds = 1;
-  // Until what could not be read is tried again; after each failure twice as long, up to 10 s.
+  // Until what could not be read is tried again; after each failure twice as long, as far as 10 s.
   double retry_seconds = 1;
   int fetches = 4;  // at once
   LiveSettings live;

@@ -29,8 +29,9 @@ struct TransferEvent {
 struct HttpSettings {
   int connections = 4;          // at once at most, kept alive; reads beyond wait for one
   double connect_seconds = 10;  // to a connection, else the try has failed
-  double stall_seconds = 10;    // without a byte, else the try has failed
-  int tries = 5;                // in a row without a byte, then the read fails
+  // Without a byte, else the try has failed; less than 0.1 counts as that.
+  double stall_seconds = 10;
+  int tries = 5;  // in a row without a byte, then the read fails
   double back_off_seconds =
       0.2;  // before the second try; twice as long before each next, up to 5 s
   std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
