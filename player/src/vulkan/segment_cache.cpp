@@ -34,7 +34,7 @@ Status SegmentCache::begin(const SceneReader& /*reader*/) {
   return {};
 }
 
-// To make a buffer takes milliseconds, which a picture does not have while it plays.
+// What is sent while it plays finds its buffers made, as the time for that would be a picture's.
 void SegmentCache::reserve(std::uint64_t bytes) {
   memory_.reserve(bytes);
   const std::uint64_t each = host_bytes();
