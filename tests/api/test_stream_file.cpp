@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Playing a file that changes meanwhile.
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
+
+#include "stream_fixture.h"
+#include "temporary_folder.h"
+
+namespace stgs::player {
+namespace {
+
+// The clip as a file, which is fetched piece after piece as it is needed.
+struct ClipFile {
+  ClipFile() { make_whole(); }
+  void make_whole() const {
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(clip().bytes.data()),
+               static_cast<std::streamsize>(clip().bytes.size()));
+  }
+  void cut(std::size_t bytes) const { std::filesystem::resize_file(path, bytes); }
+  Playing play() const {
+    PlayerSettings settings;
+    settings.ahead_seconds = 0.1;
+    settings.retry_seconds = 0.01;
+    settings.fetches = 1;
+    auto opened = Player::open(path, settings);
+    REQUIRE(opened.ok());
+    return Playing(std::move(*opened));
+  }
+
+  testing::TemporaryFolder folder;
+  std::string path = folder / "clip.stgs";
+};
+
+TEST_CASE("a file that is cut while it plays is told as often as it is, and made up for") {
+  const ClipFile file;
+  Playing p = file.play();
+  REQUIRE(p.complete());
+  int times = 0;
+  for (const double moment : {1.5, 2.5}) {
+    file.cut(clip().pieces_at + 100);
+    REQUIRE(p.player->seek(moment).ok());
+    ++times;
+    REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == times && p.player->settled(); }));
+    CHECK_FALSE(p.player->ready());
+    file.make_whole();
+    REQUIRE(p.complete());
+    CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
+  }
+  CHECK(p.said(Kind::kLost, "have gone since it was opened"));
+  CHECK(p.said(Kind::kReplaced, "it was overwritten or cut"));
+  CHECK(p.count(Kind::kReplaced) == times);
+}
+
+TEST_CASE("a file that has lost its end is told once, though what is before it still comes") {
+  const ClipFile file;
+  Playing p = file.play();
+  REQUIRE(p.complete());
+  file.cut(clip().bytes.size() * 3 / 4);
+  for (const double moment : {0.3, 2.9, 0.6, 2.6, 0.9, 2.3, 1.2}) {
+    REQUIRE(p.player->seek(moment).ok());
+    REQUIRE(p.until([&] { return p.player->settled(); }));
+  }
+  REQUIRE(p.until([&] { return p.count(Kind::kReplaced) > 0; }));
+  CHECK(p.count(Kind::kReplaced) == 1);
+}
+
+}  // namespace
+}  // namespace stgs::player
