@@ -5,6 +5,7 @@
 #include <bit>
 #include <functional>
 #include <map>
+#include <stdexcept>
 
 #include "layout_plan.h"
 #include "planes.h"
@@ -183,7 +184,10 @@ class BodyWriter {
   void write() {
     const bool quantised = encoding_.quantiser != nullptr;
     const auto each_segment = [this](const auto& work) {
-      parallel_for(std::size_t{0}, segments_.size(), work);
+      parallel_for(std::size_t{0}, segments_.size(), [&](std::size_t s) {
+        check_stop();
+        work(s);
+      });
     };
     if (quantised) each_segment([this](std::size_t s) { quantise(s); });
     plan_streams();
@@ -208,6 +212,10 @@ class BodyWriter {
   }
 
  private:
+  void check_stop() const {
+    if (encoding_.stop.stop_requested()) throw std::runtime_error("stopped");
+  }
+
   // A record has the attributes [first, last): all of them, or harmonics apart from the rest.
   struct Range {
     std::size_t first = 0, last = 0;
@@ -241,6 +249,7 @@ class BodyWriter {
   void plan_streams() {
     for (Group& group : groups_) group.plans.resize(attributes_.size());
     parallel_for(std::size_t{0}, groups_.size() * attributes_.size(), [&](std::size_t job) {
+      check_stop();
       Group& group = groups_[job / attributes_.size()];
       const std::size_t a = job % attributes_.size();
       if (encoding_.quantiser == nullptr) {

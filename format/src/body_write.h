@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <span>
+#include <stop_token>
 #include <vector>
 
 #include "container.h"
@@ -22,6 +23,7 @@ struct Encoding {
   Coder coder = Coder::kBytes;
   bool draco = false;        // codes the positions
   bool own_layouts = false;  // each record has its own
+  std::stop_token stop;      // encode_body throws where it is asked to
 };
 
 struct Body {

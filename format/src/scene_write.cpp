@@ -243,6 +243,7 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   encoding.set = &scene.gaussians;
   encoding.zstd_level = settings.zstd_level;
   encoding.own_layouts = settings.own_layouts;
+  encoding.stop = settings.stop;
   if (settings.profile != Profile::kLossless) {
     importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
                                           : scene.importance;

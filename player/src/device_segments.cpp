@@ -5,12 +5,12 @@
 #include <optional>
 #include <utility>
 
+#include "held_segment.h"
 #include "stgs/format/decoder_model.h"
 
 namespace stgs::player {
 namespace {
 
-constexpr double kMiB = 1 << 20;
 // Primitives that are decoded at once, about: their floats are held beside what is drawn from.
 constexpr std::uint64_t kBatch = 1 << 19;
 constexpr std::uint64_t kMostDrawn = 1 << 28;  // that a frame of any backend numbers
@@ -230,11 +230,7 @@ Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline
     }
   }
   if (together > timeline.memory_budget()) {
-    return runtime_error(
-        "{}: the segments alive at {} s take {:.1f} MiB decoded, more than the budget of "
-        "{:.1f} MiB; allow more memory",
-        timeline.name(), seconds, static_cast<double>(together) / kMiB,
-        static_cast<double>(timeline.memory_budget()) / kMiB);
+    return over_budget(timeline.name(), seconds, together, timeline.memory_budget());
   }
   make_room(timeline, more, {call_, As::kNeeded});
   fit_ahead(timeline, more, ahead);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "held_segment.h"
 
+#include <cmath>
 #include <utility>
 
 #include "stgs/format/math/blend.h"
@@ -42,6 +43,18 @@ std::uint64_t held_bytes(std::uint64_t n, int sh_degree) {
   const auto coefficients = static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
   const std::uint64_t floats = 3 + 3 + 4 + 1 + 3 * coefficients + 1 + 3 + 1 + 1;
   return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));
+}
+
+Status over_budget(const std::string& name, double seconds, std::uint64_t together,
+                   std::uint64_t budget) {
+  // In the unit of --memory, rounded so that what is asked for is enough.
+  constexpr double kTenth = 1e5;
+  return runtime_error(
+      "{}: the segments alive at {:.6g} s take {:.1f} MB (10^6 bytes) decoded, more than the "
+      "budget "
+      "of {:.1f} MB; allow more memory",
+      name, seconds, std::ceil(static_cast<double>(together) / kTenth) / 10,
+      std::floor(static_cast<double>(budget) / kTenth) / 10);
 }
 
 }  // namespace stgs::player

@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <memory>
 #include <memory_resource>
+#include <string>
 #include <vector>
 
 #include "stgs/format/gaussian4d.h"
+#include "stgs/format/status.h"
 
 namespace stgs::player {
 
@@ -31,5 +33,9 @@ struct HeldSegment {
 
 // Bytes that a segment of n primitives takes once decoded, a list of candidates included.
 std::uint64_t held_bytes(std::uint64_t n, int sh_degree);
+
+// Of a moment whose segments, decoded, are more bytes together than the budget.
+Status over_budget(const std::string& name, double seconds, std::uint64_t together,
+                   std::uint64_t budget);
 
 }  // namespace stgs::player

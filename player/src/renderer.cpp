@@ -8,8 +8,13 @@
 namespace stgs::player {
 
 #if !STGS_HAS_CUDA
+#if STGS_HAS_VULKAN
+#define STGS_INSTEAD_OF_CUDA "'vulkan' or 'cpu'"
+#else
+#define STGS_INSTEAD_OF_CUDA "'cpu'"
+#endif
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings&) {
-  return not_built("backend 'cuda' is not part of this build; use backend 'cpu'");
+  return not_built("backend 'cuda' is not part of this build; use backend " STGS_INSTEAD_OF_CUDA);
 }
 #endif
 #if !STGS_HAS_VULKAN

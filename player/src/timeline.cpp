@@ -16,8 +16,6 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kMiB = 1 << 20;
-
 struct Held {
   HeldSegment decoded;
   std::vector<std::uint32_t> candidates;  // at the moment asked for last
@@ -147,11 +145,7 @@ class SegmentTimeline final : public Timeline {
       }
     }
     if (together > budget_) {
-      return runtime_error(
-          "{}: the segments alive at {} s take {:.1f} MiB decoded, more than the budget of "
-          "{:.1f} MiB; allow more memory",
-          name_, seconds, static_cast<double>(together) / kMiB,
-          static_cast<double>(budget_) / kMiB);
+      return over_budget(name_, seconds, together, budget_);
     }
     make_room(more);
     return decode(missing);

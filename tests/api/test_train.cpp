@@ -85,6 +85,35 @@ TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
   CHECK(same(whole->gaussians, resumed->gaussians));
 }
 
+TEST_CASE(
+    "weighing the primitives after the last step is told, can be stopped, and is made up for") {
+  const SyntheticCapture synthetic;
+  TrainSettings settings = short_run(30);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  TrainReport report;
+  int told = 0;
+  const auto count = [&](const Progress& progress) {
+    told += progress.stage == "importance" ? 1 : 0;
+    return true;
+  };
+  const Result<Scene> whole = train(synthetic.capture, settings, count, nullptr, &report);
+  REQUIRE(whole.ok());
+  CHECK(told > 10);
+  CHECK(report.importance_seconds > 0);
+  REQUIRE(whole->importance.size() == whole->gaussians.size());
+  const Result<Scene> stopped = run(synthetic, settings, [](const Progress& progress) {
+    return progress.stage != "importance" || progress.done < 0.5;
+  });
+  REQUIRE_FALSE(stopped.ok());
+  CHECK(stopped.status().code() == StatusCode::kRuntime);
+  CHECK(stopped.status().message().find("stopped at iteration 30, before the scene") == 0);
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = run(synthetic, settings);
+  REQUIRE(resumed.ok());
+  CHECK(same(whole->gaussians, resumed->gaussians));
+  CHECK(whole->importance == resumed->importance);
+}
+
 TEST_CASE("measuring held-out views changes nothing and says what it sees") {
   const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";

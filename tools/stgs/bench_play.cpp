@@ -60,6 +60,12 @@ class PlayerPlayback final : public MeasuredPlayback {
       tell_event(session, event);
       lost += event.kind != Event::Kind::kRetry;
     }
+    ever_lost_ |= lost > 0;
+    if (!told_no_room_ && !ever_lost_ && !is_whole() && player_->settled()) {
+      told_no_room_ = true;
+      session.log(1, fmt::format("{}: pictures lack what has no room in --memory; allow more",
+                                 player_->timeline().name()));
+    }
     return lost;
   }
 
@@ -95,6 +101,7 @@ class PlayerPlayback final : public MeasuredPlayback {
 
   std::unique_ptr<player::Player> player_;
   std::vector<Event> events_;  // that are still to be told
+  bool ever_lost_ = false, told_no_room_ = false;
 };
 
 }  // namespace

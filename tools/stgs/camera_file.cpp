@@ -92,6 +92,10 @@ Result<std::vector<encoder::Camera>> choose_cameras(const encoder::PreparedCaptu
       return usage_error("{}: has no camera '{}'; its cameras are {}", capture.folder, name,
                          fmt::format("{}", fmt::join(names, ", ")));
     }
+    if (std::any_of(chosen.begin(), chosen.end(),
+                    [&name](const encoder::Camera& camera) { return camera.name == name; })) {
+      return usage_error("camera '{}' is named twice; leave one out", name);
+    }
     chosen.push_back(capture.cameras[static_cast<std::size_t>(found - names.begin())]);
   }
   if (chosen.empty()) return usage_error("no camera is named; say test, train, all or names");

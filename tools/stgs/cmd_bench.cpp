@@ -129,12 +129,21 @@ class Bench final : public Command {
           quality_ ? "--quality" : "--seed", file_);
     }
     STGS_ASSIGN(Scene scene, read_place(session, file_));
+    const std::uint64_t most = ReadLimits{}.max_primitives;
+    if (lives_ > 0 && scene.gaussians.size() > most / static_cast<std::uint64_t>(lives_)) {
+      return usage_error(
+          "--lives {} makes {} primitives of the {} of {}, more than the {} of a file", lives_,
+          scene.gaussians.size() * static_cast<std::uint64_t>(lives_), scene.gaussians.size(),
+          file_, most);
+    }
     const std::uint64_t seed = seed_.value_or(1);
     if (animate_) animate(scene, seed);
     if (full_harmonics_) fill_harmonics(scene.gaussians, seed + 1);
+    if (interrupted()) return runtime_error("the model is not made");
     if (lives_ > 0) part_lives(scene, lives_, seed);
     WriteSettings settings;
     settings.zstd_level = 1;
+    settings.stop = session.stop_token();
     if (quality_) {
       settings.profile = Profile::kQuantised;
       settings.quality = *quality_;

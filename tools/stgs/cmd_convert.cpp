@@ -136,7 +136,7 @@ class Convert final : public Command {
       session.log(1, fmt::format("{}: is not carried over: {}", input_, extra));
     }
     STGS_TRY(choose_moment(work));
-    STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(work));
+    STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(session, work));
     STGS_TRY(read_back(bytes, work));
     if (interrupted()) return runtime_error("{}: stopped, nothing is written", output_);
     STGS_TRY(write_file_atomically(output_, bytes));
@@ -242,7 +242,7 @@ class Convert final : public Command {
       work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }
 
-  Result<std::vector<std::uint8_t>> encode(Conversion& work) const {
+  Result<std::vector<std::uint8_t>> encode(Session& session, Conversion& work) const {
     if (work.to != nullptr) {
       Result<std::vector<std::uint8_t>> bytes =
           work.to->write(work.scene.gaussians, &work.found.notes);
@@ -254,6 +254,7 @@ class Convert final : public Command {
     WriteSettings settings;
     settings.profile = quality_ ? Profile::kQuantised : Profile::kLossless;
     settings.quality = quality_.value_or(settings.quality);
+    settings.stop = session.stop_token();
     std::vector<std::uint32_t> order;
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
     if (order.size() < work.scene.gaussians.size()) {

@@ -68,6 +68,7 @@ class Encode final : public Command {
     STGS_TRY(check_going_on(training));
     STGS_TRY(check_can_write(output_));
     STGS_TRY(check_profile(pack_.settings().profile));
+    STGS_TRY(encoder::check_space(pack_.settings()));
     // Before the long prepare; again when it knows how large the pictures are.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_kept());

@@ -55,7 +55,7 @@ class Play final : public Command {
         "--screenshot", screenshot_,
         "Write what the window shows to this .png, once all of the moment is there, and end");
     app.add_option("--after", after_, "Of --screenshot: not before so many pictures")
-        ->check(CLI::Range(1, 1000000000))
+        ->check(number_between(1, 1e9))
         ->capture_default_str()
         ->needs(screenshot);
   }

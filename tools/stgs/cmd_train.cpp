@@ -46,8 +46,8 @@ class Train final : public Command {
           "--window trains one window after the other in one process; with several processes train "
           "each window with --frames A:B");
     }
-    STGS_ASSIGN(const auto settings, options_.settings(session, {{"--output", output_}},
-                                                       windows_.several() ? output_ : ""));
+    STGS_ASSIGN(const auto settings,
+                options_.settings(session, places(), windows_.several() ? output_ : ""));
     STGS_ASSIGN(const auto capture, windows_.capture(folder_));
     if (windows_.several()) return train_all(capture, settings, session);
     if (session.is_first()) STGS_TRY(check_can_write(output_));
@@ -75,6 +75,16 @@ class Train final : public Command {
   }
 
  private:
+  // What is written, and what is read of the capture and must stay.
+  std::vector<NamedPlace> places() const {
+    std::vector<NamedPlace> places = {{"--output", output_}};
+    for (const char* file : {"", "/capture.json", "/points_static.ply", "/points_dynamic.ply",
+                             "/frames", "/masks", "/report", "/report/index.html"}) {
+      places.push_back({"DIR", folder_ + file});
+    }
+    return places;
+  }
+
   Status train_all(const encoder::PreparedCapture& capture, const encoder::TrainSettings& settings,
                    Session& session) {
     if (!settings.resume.empty() || !settings.checkpoint.empty() || options_.has_log()) {

@@ -131,6 +131,10 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
         (key == "max_primitives" && max_primitives_ != 0)) {
       return usage_error("--set {}: the option of that name is given too; leave one out", text);
     }
+    if (std::any_of(settings.overrides.begin(), settings.overrides.end(),
+                    [&key](const auto& set) { return set.first == key; })) {
+      return usage_error("--set {}: {} is set twice; leave one out", text, key);
+    }
     settings.overrides.emplace_back(key, text.substr(equals + 1));
   }
   if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";
@@ -159,6 +163,7 @@ Json to_json(const encoder::TrainReport& report) {
   return {{"backend", report.backend},
           {"iterations", report.iterations},
           {"seconds", report.seconds},
+          {"importance_seconds", report.importance_seconds},
           {"primitives", report.primitives},
           {"final_loss", report.final_loss},
           {"frames",

@@ -32,6 +32,7 @@ struct WorkFolder {
 
 // The steps of COLMAP, each ended when it takes too long or nobody wants its result any more.
 struct Colmap {
+  std::string folder;  // for its own logs, which it would leave in the system's
   std::string log;
   int seconds = 0;  // a step
   const std::atomic<bool>& abandoned;
@@ -39,6 +40,7 @@ struct Colmap {
   Status run(std::vector<std::string> arguments) const {
     arguments.insert(arguments.begin(), "colmap");
     const std::string step = arguments[0] + " " + arguments[1];
+    arguments.insert(arguments.begin(), {"env", "GLOG_log_dir=" + folder});
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
     bool late = false;
     const ProgressSink go_on = [&](const Progress&) {
@@ -155,7 +157,7 @@ Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, 
   STGS_TRY(write_model(views, folder.path / "known"));
   fs::create_directories(folder.path / "out");
   const auto path = [&](const char* name) { return (folder.path / name).string(); };
-  const Colmap colmap{path("log.txt"), seconds, abandoned};
+  const Colmap colmap{folder.path.string(), path("log.txt"), seconds, abandoned};
   STGS_TRY(
       colmap.run({"feature_extractor", "--database_path", path("database.db"), "--image_path",
                   path("images"), "--ImageReader.mask_path", path("masks"),

@@ -112,6 +112,15 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
   return {};
 }
 
+}  // namespace
+
+Status check_space(const PackSettings& settings) {
+  SceneMetadata unsaid;
+  return set_space(settings, unsaid);
+}
+
+namespace {
+
 // The test pictures of the capture that the scene is of.
 Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
                                     const std::string& folder, const LogSink& log) {

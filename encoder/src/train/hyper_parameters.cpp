@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <type_traits>
 
 #include "stgs/encoder/train.h"
 
@@ -108,17 +109,19 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
 Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
                            const std::string& value) {
   bool known = false;
-  bool parsed = false;
+  bool parsed = false, whole = false;
   std::string names;
   for_each_parameter(parameters, [&](const char* n, auto& target) {
     names += names.empty() ? n : fmt::format(", {}", n);
     if (name != n) return;
     known = true;
     parsed = parse(value, target);
+    whole = std::is_integral_v<std::remove_reference_t<decltype(target)>>;
   });
   if (!known) return usage_error("unknown hyper-parameter '{}'; known: {}", name, names);
   if (!parsed)
-    return usage_error("'{}' is not a value for {}: it needs a number >= 0", value, name);
+    return usage_error("'{}' is not a value for {}: it needs a {} >= 0", value, name,
+                       whole ? "whole number" : "number");
   return {};
 }
 
@@ -143,6 +146,9 @@ constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
                               {"drop_share", 0, 0.9},
                               {"velocity_share", 0, 1},
                               {"opacity_resets", 0, 1e4},
+                              // Switches.
+                              {"seen_background", 0, 1},
+                              {"velocity_times_f", 0, 1},
                               // A rate falls to it by powers.
                               {"lr_position_final", 1e-15, 1e3},
                               {"lr_velocity_final", 1e-15, 1e3},

@@ -11,6 +11,8 @@
 namespace stgs::encoder {
 namespace {
 
+constexpr int kTilePixels = kTileSize * kTileSize;
+
 math::PinholeCamera half_size(math::PinholeCamera camera) {
   camera.width = std::max(1.0f, std::floor(0.5f * camera.width));
   camera.height = std::max(1.0f, std::floor(0.5f * camera.height));
@@ -18,18 +20,68 @@ math::PinholeCamera half_size(math::PinholeCamera camera) {
   return camera;
 }
 
-// Adds the squares of a pixel's weights to those of its tile's instances.
-void add_pixel(const SplatFrame& frame, std::uint32_t begin, std::uint32_t end, math::Vec2 pixel,
-               std::vector<float>& by_instance) {
-  float transmittance = 1.0f;
-  for (std::uint32_t k = begin; k < end && transmittance > math::kTransmittanceMin; ++k) {
-    const Splat& splat = frame.splats[frame.instances[k]];
-    const float power =
-        math::splat_power(splat.conic, pixel.x - splat.mean.x, pixel.y - splat.mean.y);
-    const float alpha = math::splat_alpha(splat.opacity, power);
-    const float weight = alpha * transmittance;
-    by_instance[k] += weight * weight;
-    transmittance *= 1.0f - alpha;
+// Pixels of a tile.
+struct TileArea {
+  int x0, y0, x1, y1;
+};
+
+// The pixels [first, last) of a row, from `low` to `high`, at which a splat can be drawn: those
+// that lie so near that its alpha may reach the threshold, and one more on each side for the
+// rounding.
+struct Reach {
+  int first = 0, last = 0;
+};
+Reach reach_of(const Splat& splat, float most_power, float dy, int low, int high) {
+  // power(dx) = (xx dx^2 + 2 xy dy dx + yy dy^2) / 2 <= most_power.
+  const double a = splat.conic.xx, b = double{splat.conic.xy} * dy;
+  const double inside = b * b - a * (double{splat.conic.yy} * dy * dy - 2.0 * most_power);
+  if (!(a > 0) || !std::isfinite(inside)) return {low, high};
+  if (inside < 0) return {low, low};
+  const double half = std::sqrt(inside), mean = splat.mean.x;
+  const double from = mean + (-b - half) / a - 1.5, to = mean + (-b + half) / a + 1.5;
+  return {static_cast<int>(std::clamp<double>(std::floor(from), low, high)),
+          static_cast<int>(std::clamp<double>(std::ceil(to), low, high))};
+}
+
+// Adds the squares of the weights of a splat at the pixels of a tile, front to back.
+float add_splat(const Splat& splat, const TileArea& tile, float (&transmittance)[kTilePixels]) {
+  // A little more than where alpha is the threshold.
+  const float most_power =
+      std::log(std::max(splat.opacity / math::kAlphaThreshold, 1.0f)) * 1.001f + 0.01f;
+  float sum = 0;
+  for (int y = tile.y0; y < tile.y1; ++y) {
+    const float dy = static_cast<float>(y) + 0.5f - splat.mean.y;
+    const Reach reach = reach_of(splat, most_power, dy, tile.x0, tile.x1);
+    float* const row = transmittance + (y - tile.y0) * kTileSize;
+    for (int x = reach.first; x < reach.last; ++x) {
+      float& t = row[x - tile.x0];
+      if (!(t > math::kTransmittanceMin)) continue;
+      const float dx = static_cast<float>(x) + 0.5f - splat.mean.x;
+      const float alpha = math::splat_alpha(splat.opacity, math::splat_power(splat.conic, dx, dy));
+      const float weight = alpha * t;
+      sum += weight * weight;
+      t *= 1.0f - alpha;
+    }
+  }
+  return sum;
+}
+
+void add_tile(const SplatFrame& frame, std::size_t number, std::vector<float>& by_instance) {
+  const auto tiles_x = static_cast<std::size_t>(frame.tiles_x);
+  TileArea tile{};
+  tile.x0 = static_cast<int>(number % tiles_x) * kTileSize;
+  tile.y0 = static_cast<int>(number / tiles_x) * kTileSize;
+  tile.x1 = std::min(frame.width, tile.x0 + kTileSize);
+  tile.y1 = std::min(frame.height, tile.y0 + kTileSize);
+  float transmittance[kTilePixels];
+  std::fill_n(transmittance, kTilePixels, 1.0f);
+  constexpr std::uint32_t kLookEvery = 32;  // splats, whether all pixels are finished
+  const auto is_open = [](float t) { return t > math::kTransmittanceMin; };
+  for (std::uint32_t k = frame.tile_begin[number]; k < frame.tile_begin[number + 1]; ++k) {
+    if (k % kLookEvery == 0 && std::none_of(transmittance, transmittance + kTilePixels, is_open)) {
+      return;
+    }
+    by_instance[k] = add_splat(frame.splats[frame.instances[k]], tile, transmittance);
   }
 }
 
@@ -37,16 +89,8 @@ void add_view(const SplatFrame& frame, std::vector<float>& by_instance,
               std::vector<float>& importance) {
   by_instance.assign(frame.instances.size(), 0.0f);
   const auto tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
-  parallel_for(std::size_t{0}, tiles, [&](std::size_t tile) {
-    const int x0 = static_cast<int>(tile % frame.tiles_x) * kTileSize;
-    const int y0 = static_cast<int>(tile / frame.tiles_x) * kTileSize;
-    for (int y = y0; y < std::min(frame.height, y0 + kTileSize); ++y) {
-      for (int x = x0; x < std::min(frame.width, x0 + kTileSize); ++x) {
-        add_pixel(frame, frame.tile_begin[tile], frame.tile_begin[tile + 1],
-                  {static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f}, by_instance);
-      }
-    }
-  });
+  parallel_for(std::size_t{0}, tiles,
+               [&](std::size_t tile) { add_tile(frame, tile, by_instance); });
   // In the order of the lists, whatever threads did the tiles.
   for (std::size_t k = 0; k < by_instance.size(); ++k) {
     importance[frame.splats[frame.instances[k]].id] += by_instance[k];
@@ -55,8 +99,9 @@ void add_view(const SplatFrame& frame, std::vector<float>& by_instance,
 
 }  // namespace
 
-std::vector<float> view_importance(const Gaussians4D& set, const PreparedCapture& capture,
-                                   int views) {
+std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
+                                                  const PreparedCapture& capture, int views,
+                                                  const std::function<bool(double)>& go_on) {
   std::vector<math::PinholeCamera> cameras;
   for (const Camera& camera : capture.cameras) {
     if (!camera.test) cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
@@ -65,6 +110,7 @@ std::vector<float> view_importance(const Gaussians4D& set, const PreparedCapture
   if (cameras.empty()) return importance;
   SplatFrame frame;
   for (int v = 0; v < views; ++v) {
+    if (!go_on(static_cast<double>(v) / views)) return std::nullopt;
     // Cameras in turn; frames evenly, each camera at others.
     const math::PinholeCamera& camera = cameras[static_cast<std::size_t>(v) % cameras.size()];
     const double moment = (v + 0.5) / views * capture.frames;

@@ -392,6 +392,11 @@ Status Trainer::keep_trained(const Status& error) {
                                           error.message(), state_.iteration, settings_.checkpoint));
 }
 
+std::string Trainer::how_to_go_on() const {
+  return settings_.checkpoint.empty() ? "no checkpoint was asked for"
+                                      : fmt::format("go on with --resume {}", settings_.checkpoint);
+}
+
 Status Trainer::run() {
   const Status trained = train();
   return steps_undone_ ? keep_trained(trained) : trained;
@@ -418,10 +423,7 @@ Status Trainer::train() {
     STGS_ASSIGN(const bool go_on, report_progress());
     if (!go_on) {
       STGS_TRY(save_checkpoint());
-      return runtime_error("stopped at iteration {}; {}", state_.iteration,
-                           settings_.checkpoint.empty()
-                               ? std::string("no checkpoint was asked for")
-                               : fmt::format("go on with --resume {}", settings_.checkpoint));
+      return runtime_error("stopped at iteration {}; {}", state_.iteration, how_to_go_on());
     }
   }
   STGS_TRY(synchronise());
@@ -440,10 +442,27 @@ Status Trainer::train() {
   return {};
 }
 
-Scene Trainer::scene() const {
+Result<std::vector<float>> Trainer::importance() {
+  if (!ranks_.first()) return std::vector<float>();
+  const Clock::time_point begin = Clock::now();
+  const auto go_on = [&](double done) {
+    if (!progress_) return true;
+    const double eta = done > 0 ? seconds_since(begin) * (1 - done) / done : -1;
+    return progress_({"importance", done, eta,
+                      fmt::format("how much each of {} primitives matters", state_.size())});
+  };
+  std::optional<std::vector<float>> importance =
+      view_importance(state_.set, capture_, kImportanceViews, go_on);
+  importance_seconds_ = seconds_since(begin);
+  if (importance) return *std::move(importance);
+  return runtime_error("stopped at iteration {}, before the scene was complete; {}",
+                       state_.iteration, how_to_go_on());
+}
+
+Result<Scene> Trainer::scene() {
   Scene scene;
   scene.gaussians = state_.set;
-  scene.importance = view_importance(scene.gaussians, capture_, kImportanceViews);
+  STGS_ASSIGN(scene.importance, importance());
   SceneMetadata& metadata = scene.metadata;
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);
@@ -463,6 +482,7 @@ TrainReport Trainer::report() const {
   TrainReport report;
   report.iterations = static_cast<int>(state_.iteration);
   report.seconds = state_.seconds;
+  report.importance_seconds = importance_seconds_;
   report.primitives = state_.size();
   report.final_loss = state_.mean_loss;
   report.peak_memory = peak_memory_bytes();
@@ -481,8 +501,9 @@ Result<Scene> train(const PreparedCapture& capture, const TrainSettings& setting
     STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
                 Trainer::create(capture, settings, progress, log));
     STGS_TRY(trainer->run());
-    if (report != nullptr) *report = trainer->report();
-    return trainer->scene();
+    Result<Scene> scene = trainer->scene();
+    if (scene.ok() && report != nullptr) *report = trainer->report();
+    return scene;
   } catch (const std::bad_alloc&) {
     return runtime_error("training ran out of memory: use fewer primitives or smaller frames");
   } catch (const std::exception& error) {

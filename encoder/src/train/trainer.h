@@ -32,7 +32,8 @@ class Trainer {
   // Status says so).
   Status run();
   // The scene as trained so far.
-  Scene scene() const;
+  // After run(). On the first rank alone it has the importances, which others do not need.
+  Result<Scene> scene();
   TrainReport report() const;
 
  private:
@@ -78,6 +79,10 @@ class Trainer {
   Status synchronise();
   // kIo where it cannot be written.
   Status save_checkpoint();
+  // For whoever stopped it.
+  std::string how_to_go_on() const;
+  // Scene::importance, which may take longer than a short run; kRuntime where it is stopped.
+  Result<std::vector<float>> importance();
   // As that, where the scene counts for more: what cannot be written is a warning.
   Status save_checkpoint_if_possible();
   // After a step: the clock, and whether progress is to be reported.
@@ -110,6 +115,7 @@ class Trainer {
   std::uint64_t steps_read_ = 0;    // iterations, a view each, whose loss has been taken in
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
+  double importance_seconds_ = 0;
   double seconds_before_ = 0;  // spent by the runs that this one goes on from
   LogWriter log_file_;
   HeldOutViews held_out_;

@@ -38,7 +38,7 @@ class PictureRate {
  public:
   void add(double now) {
     times_.push_back(now);
-    while (times_.front() < now - kRecent) times_.pop_front();
+    while (times_.size() > 2 && times_.front() < now - kRecent) times_.pop_front();
   }
   double per_second() const {
     const double span = times_.empty() ? 0 : times_.back() - times_.front();

@@ -35,6 +35,9 @@ struct PackSettings {
   double sound_begin = 0;
 };
 
+// What pack() would refuse of up and floor for a scene that says nothing of them: kUsage.
+Status check_space(const PackSettings& settings);
+
 // A merged window: the frames at which its primitives are drawn.
 struct PackedPart {
   std::string input;

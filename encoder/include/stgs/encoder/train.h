@@ -67,7 +67,8 @@ struct FrameStatistics {
 
 struct TrainReport {
   int iterations = 0;
-  double seconds = 0;
+  double seconds = 0;             // of the steps
+  double importance_seconds = 0;  // of weighing the primitives after them, for pack
   std::size_t primitives = 0;
   double final_loss = 0;
   std::uint64_t peak_memory = 0;  // bytes, resident

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -257,6 +258,7 @@ struct WriteSettings {
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record tells how it is coded, as one that is appended must
+  std::stop_token stop;      // ends encode_scene early, with kRuntime
 };
 
 // The bytes of a whole file. `order`, where given, receives for each primitive of the file its
