@@ -401,7 +401,8 @@ class Training(Paging):
         self.assertAlmostEqual(report["psnr"], with_them["held_out"]["psnr"], 3)
         self.assertAlmostEqual(report["psnr_cc"], with_them["held_out"]["psnr_cc"], 3)
         shown = self.succeeds(*args, "--held-out", "2", "--progress", "json").stderr.decode()
-        self.assertRegex(shown.splitlines()[-1], r"held-out psnr \d+\.\d\d dB")
+        last = [line for line in shown.splitlines() if '"stage":"train"' in line][-1]
+        self.assertRegex(last, r"held-out psnr \d+\.\d\d dB")
         without = self.json_of(*args, "--held-out", "0")
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)

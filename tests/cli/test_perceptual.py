@@ -130,4 +130,8 @@ class Perceptual(CliTest):
         ]
         for code, message, file, more in cases:
             with self.subTest(file=file):
-                self.fails(code, message, *self.train("--perceptual-weights", file, *more))
+                train = self.train("--perceptual-weights", file)
+                if more:
+                    at = train.index("perceptual_patch=16") - 1
+                    train[at:at + 2] = more
+                self.fails(code, message, *train)
