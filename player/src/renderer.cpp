@@ -8,13 +8,9 @@
 namespace stgs::player {
 
 #if !STGS_HAS_CUDA
-#if STGS_HAS_VULKAN
-#define STGS_INSTEAD_OF_CUDA "'vulkan' or 'cpu'"
-#else
-#define STGS_INSTEAD_OF_CUDA "'cpu'"
-#endif
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings&) {
-  return not_built("backend 'cuda' is not part of this build; use backend " STGS_INSTEAD_OF_CUDA);
+  return not_built("backend 'cuda' is not part of this build; use backend '{}'",
+                   fmt::format("{}", fmt::join(renderer_backends(), "' or '")));
 }
 #endif
 #if !STGS_HAS_VULKAN

@@ -80,7 +80,8 @@ struct TrainReport {
   std::vector<std::pair<std::string, std::string>> parameters;  // all, as used
 };
 
-// Trains, and returns the lossless scene. A cancelled run writes its checkpoint first.
+// Trains, and returns the lossless scene; of several processes the first alone has its importances.
+// A cancelled run writes its checkpoint first.
 Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
                     const ProgressSink& progress, const LogSink& log, TrainReport* report);
 
