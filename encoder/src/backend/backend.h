@@ -5,7 +5,10 @@
 
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,6 +21,7 @@
 #include "train/adam.h"
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
+#include "train/importance.h"
 #include "train/picture.h"
 #include "train/random.h"
 #include "train/train_state.h"
@@ -117,6 +121,10 @@ class TrainBackend {
   // After an error of step() or read(), where there is one rank: forgets the steps that are not
   // done, the last ones, and returns their number. The state is then that of the steps before.
   virtual std::size_t abandon() = 0;
+  // view_importance() of the state that begin() took; nothing where `go_on` answers false. Of
+  // several ranks one alone may call it.
+  virtual Result<std::optional<std::vector<float>>> importance(
+      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) = 0;
   virtual std::string name() const = 0;
 };
 

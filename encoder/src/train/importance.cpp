@@ -99,23 +99,30 @@ void add_view(const SplatFrame& frame, std::vector<float>& by_instance,
 
 }  // namespace
 
-std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
-                                                  const PreparedCapture& capture, int views,
-                                                  const std::function<bool(double)>& go_on) {
+std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count) {
   std::vector<math::PinholeCamera> cameras;
   for (const Camera& camera : capture.cameras) {
     if (!camera.test) cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
   }
-  std::vector<float> importance(set.size(), 0.0f), by_instance;
-  if (cameras.empty()) return importance;
-  SplatFrame frame;
-  for (int v = 0; v < views; ++v) {
-    if (!go_on(static_cast<double>(v) / views)) return std::nullopt;
+  std::vector<ImportanceView> views;
+  for (int v = 0; v < count && !cameras.empty(); ++v) {
     // Cameras in turn; frames evenly, each camera at others.
-    const math::PinholeCamera& camera = cameras[static_cast<std::size_t>(v) % cameras.size()];
-    const double moment = (v + 0.5) / views * capture.frames;
-    begin_frame(camera, frame);
-    slice(set, static_cast<float>(std::floor(moment)), camera, {}, 0, frame);
+    const double moment = (v + 0.5) / count * capture.frames;
+    views.push_back({cameras[static_cast<std::size_t>(v) % cameras.size()],
+                     static_cast<float>(std::floor(moment))});
+  }
+  return views;
+}
+
+std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
+                                                  std::span<const ImportanceView> views,
+                                                  const std::function<bool(double)>& go_on) {
+  std::vector<float> importance(set.size(), 0.0f), by_instance;
+  SplatFrame frame;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!go_on(static_cast<double>(v) / static_cast<double>(views.size()))) return std::nullopt;
+    begin_frame(views[v].camera, frame);
+    slice(set, views[v].ticks, views[v].camera, {}, 0, frame);
     bin(frame);
     add_view(frame, by_instance, importance);
   }

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
@@ -11,12 +12,22 @@
 
 namespace stgs::encoder {
 
-// Scene::importance: for each primitive the sum over all pixels of `views` half-size views of the
-// square of its blend weight, which is what an error of its colour is weighted by in the mean
-// square error of the pictures. The views are spread over training cameras and frames.
-// `go_on` is called before each with the share that is done; nothing where it answers false.
+// A moment from a viewpoint, at which primitives are weighed.
+struct ImportanceView {
+  math::PinholeCamera camera;
+  float ticks = 0;  // frames
+};
+
+// `count` of them at half the size of the pictures, spread over training cameras and frames; none
+// where no camera trains.
+std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count);
+
+// Scene::importance: for each primitive the sum over all pixels of the views of the square of its
+// blend weight, which is what an error of its colour is weighted by in the mean square error of the
+// pictures. `go_on` is called before each with the share that is done; nothing where it answers
+// false. The CPU's; a training backend has its own (backend.h).
 std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
-                                                  const PreparedCapture& capture, int views,
+                                                  std::span<const ImportanceView> views,
                                                   const std::function<bool(double)>& go_on);
 
 }  // namespace stgs::encoder

@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train/trainer.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <utility>
 
-#include "stgs/encoder/windows.h"
 #include "train/adam.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/densify_plan.h"
-#include "train/importance.h"
 #include "train/random.h"
-#include "train/start_camera.h"
 #include "train/step_schedule.h"
 
 namespace stgs::encoder {
@@ -25,17 +20,10 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kProgressInterval = 0.1;   // seconds
 constexpr std::uint64_t kLogInterval = 50;  // iterations
-constexpr int kImportanceViews = 256;
-constexpr double kLossMemory = 0.02;  // of the running mean, a step
+constexpr double kLossMemory = 0.02;        // of the running mean, a step
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-std::uint64_t peak_memory_bytes() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
 }
 
 }  // namespace
@@ -440,75 +428,6 @@ Status Trainer::train() {
   }
   if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());
   return {};
-}
-
-Result<std::vector<float>> Trainer::importance() {
-  if (!ranks_.first()) return std::vector<float>();
-  const Clock::time_point begin = Clock::now();
-  const auto go_on = [&](double done) {
-    if (!progress_) return true;
-    const double eta = done > 0 ? seconds_since(begin) * (1 - done) / done : -1;
-    return progress_({"importance", done, eta,
-                      fmt::format("how much each of {} primitives matters", state_.size())});
-  };
-  std::optional<std::vector<float>> importance =
-      view_importance(state_.set, capture_, kImportanceViews, go_on);
-  importance_seconds_ = seconds_since(begin);
-  if (importance) return *std::move(importance);
-  return runtime_error("stopped at iteration {}, before the scene was complete; {}",
-                       state_.iteration, how_to_go_on());
-}
-
-Result<Scene> Trainer::scene() {
-  Scene scene;
-  scene.gaussians = state_.set;
-  STGS_ASSIGN(scene.importance, importance());
-  SceneMetadata& metadata = scene.metadata;
-  metadata.time_base = capture_.time_base;
-  metadata.frames = static_cast<std::uint32_t>(capture_.frames);
-  metadata.metres_per_unit = capture_.metric ? 1.0f : 0.0f;
-  metadata.window = capture_.window;
-  if (metadata.window) {
-    metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
-  }
-  metadata.near_plane = capture_.near_plane;
-  std::copy_n(&state_.background.x, 3, metadata.background);
-  metadata.start_camera = start_camera(images_.cameras());
-  metadata.generator = "stgs " STGS_VERSION;
-  return scene;
-}
-
-TrainReport Trainer::report() const {
-  TrainReport report;
-  report.iterations = static_cast<int>(state_.iteration);
-  report.seconds = state_.seconds;
-  report.importance_seconds = importance_seconds_;
-  report.primitives = state_.size();
-  report.final_loss = state_.mean_loss;
-  report.peak_memory = peak_memory_bytes();
-  report.held_out = score_;
-  report.backend = backend_->name();
-  report.perceptual = perceptual_.report();
-  report.frames = images_.statistics();
-  report.processes = ranks_.size();
-  report.parameters = list_hyper_parameters(parameters_);
-  return report;
-}
-
-Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
-                    const ProgressSink& progress, const LogSink& log, TrainReport* report) {
-  try {
-    STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
-                Trainer::create(capture, settings, progress, log));
-    STGS_TRY(trainer->run());
-    Result<Scene> scene = trainer->scene();
-    if (scene.ok() && report != nullptr) *report = trainer->report();
-    return scene;
-  } catch (const std::bad_alloc&) {
-    return runtime_error("training ran out of memory: use fewer primitives or smaller frames");
-  } catch (const std::exception& error) {
-    return runtime_error("training stopped: {}", error.what());
-  }
 }
 
 }  // namespace stgs::encoder

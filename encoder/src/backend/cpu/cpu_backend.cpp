@@ -49,6 +49,10 @@ class CpuBackend final : public TrainBackend {
   std::size_t size() const override { return state_->size(); }
   Status synchronise() override { return {}; }
   std::size_t abandon() override { return 0; }
+  Result<std::optional<std::vector<float>>> importance(
+      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) override {
+    return view_importance(state_->set, views, go_on);
+  }
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
 
  private:

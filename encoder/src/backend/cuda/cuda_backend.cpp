@@ -47,6 +47,15 @@ Status too_little_memory(const TrainPlan& plan, std::size_t need, std::size_t fr
           : fmt::format(", or a smaller perceptual_patch ({} of it)", text(perceptual)));
 }
 
+// kRuntime where a view has more tile instances than can be listed.
+Status check_instances(std::size_t instances) {
+  if (instances <= kMaxInstances) return {};
+  return runtime_error(
+      "a view's primitives touch {} tiles, more than the {} that a step can list: the scene has "
+      "grown out of bounds",
+      instances, kMaxInstances);
+}
+
 Status device_problem(const char* text) {
   return unsupported("training with CUDA needs an NVIDIA GPU and its driver: {}", text);
 }
@@ -286,12 +295,7 @@ Status CudaBackend::wait_shared(std::size_t slot) {
 Status CudaBackend::redo(std::size_t instances) {
   if (ranks_ != nullptr) STGS_TRY(wait_shared(pending_.back().slot));
   STGS_TRY(stream_.wait());
-  if (instances > kMaxInstances) {
-    return runtime_error(
-        "a view's primitives touch {} tiles, more than the {} that a step can list: the scene has "
-        "grown out of bounds",
-        instances, kMaxInstances);
-  }
+  STGS_TRY(check_instances(instances));
   instances_seen_ = std::max(instances_seen_, instances);
   STGS_TRY(pipeline_.clear_overflow(stream_));
   std::deque<Pending> again;
@@ -317,6 +321,47 @@ Result<std::vector<StepOutput>> CudaBackend::read() {
 Status CudaBackend::synchronise() {
   STGS_TRY(collect(true));
   return device_.download(*state_, stream_);
+}
+
+Status CudaBackend::weigh(const ImportanceView& view, unsigned long long* sums) {
+  StepInput input;
+  input.camera = view.camera;
+  input.ticks = view.ticks;
+  for (;;) {
+    STGS_ASSIGN(const std::size_t room, reserve_step(input));
+    STGS_ASSIGN(const Counters seen, pipeline_.weigh(device_, input, room, sums, stream_));
+    STGS_TRY(check_instances(seen.instances));
+    instances_seen_ = std::max<std::size_t>(instances_seen_, seen.instances);
+    if (seen.overflow == 0) return {};
+  }
+}
+
+Result<std::optional<std::vector<float>>> CudaBackend::importance(
+    std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) {
+  using Importance = std::optional<std::vector<float>>;
+  STGS_TRY(collect(true));
+  const std::size_t n = size();
+  DeviceArray<unsigned long long> sums;
+  if (!sums.ensure(n).ok()) {
+    STGS_TRY(truths_.give_back());
+    STGS_TRY(sums.ensure(n));
+  }
+  STGS_TRY(cuda_status(cudaMemsetAsync(sums.data(), 0, n * sizeof(unsigned long long), stream_),
+                       "clearing the importances"));
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (!go_on(static_cast<double>(v) / static_cast<double>(views.size()))) return Importance();
+    STGS_TRY(weigh(views[v], sums.data()));
+  }
+  std::vector<unsigned long long> found(n);
+  STGS_TRY(cuda_status(cudaMemcpyAsync(found.data(), sums.data(), n * sizeof(found[0]),
+                                       cudaMemcpyDeviceToHost, stream_),
+                       "copying the importances"));
+  STGS_TRY(stream_.wait());
+  Importance out(n);
+  std::transform(found.begin(), found.end(), out->begin(), [](unsigned long long sum) {
+    return static_cast<float>(static_cast<double>(sum) / kImportanceOne);
+  });
+  return out;
 }
 
 }  // namespace cuda

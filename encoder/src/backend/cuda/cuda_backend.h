@@ -39,6 +39,8 @@ class CudaBackend final : public TrainBackend {
   Result<std::vector<StepOutput>> read() override;
   Status synchronise() override;
   std::size_t abandon() override;
+  Result<std::optional<std::vector<float>>> importance(
+      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) override;
   std::string name() const override { return name_; }
 
   StepPipeline& pipeline() { return pipeline_; }
@@ -75,6 +77,8 @@ class CudaBackend final : public TrainBackend {
     return ranks_ == nullptr ? 1 : static_cast<std::size_t>(ranks_->size());
   }
   Status redo(std::size_t instances);
+  // Adds a view's to `sums`, again and again until there is room for its tile instances.
+  Status weigh(const ImportanceView& view, unsigned long long* sums);
   std::size_t room() const;
 
   std::string name_;

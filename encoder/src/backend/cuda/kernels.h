@@ -22,7 +22,9 @@ inline constexpr int kLossX = 32;     // pixels of a block of the image loss
 inline constexpr int kLossY = 16;     //
 inline constexpr int kLossSums = 13;  // of a block: L1, then the 12 gradients of the colour map
 inline constexpr int kPlaneSums = 4;  // floats of one splat in one tile, by its plane
-inline constexpr int kUpdateBlock = 128;                  // primitives of a block of the update
+inline constexpr int kUpdateBlock = 128;  // primitives of a block of the update
+// A squared weight of 1, where those of all pixels and views are added up: 2^34 of them fit.
+inline constexpr double kImportanceOne = 1 << 30;
 inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of what is not drawn
 // Tile instances of a view, at most; as the CPU rasteriser's limit.
 inline constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
@@ -181,6 +183,10 @@ void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Work
                 cudaStream_t stream);
 // picture, last, segments and checkpoints; surface and its checkpoints.
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
+// Adds to `sums`, one a primitive, its squared weights at the pixels of the view, times
+// kImportanceOne (train/importance.h). As integers, so that the order of adding does not matter.
+void launch_weigh(const View& view, unsigned long long* sums, const Workspace& w,
+                  cudaStream_t stream);
 // d_picture, ssim_sums and loss_sums, for the picture shown through `colour_map` (12 floats);
 // truth: W x H x 3 bytes.
 void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,

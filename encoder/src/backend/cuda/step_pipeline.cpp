@@ -300,4 +300,22 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   return cuda_status(cudaGetLastError(), "starting a step");
 }
 
+Result<Counters> StepPipeline::weigh(const DeviceState& state, const StepInput& input,
+                                     std::size_t instances, unsigned long long* sums,
+                                     cudaStream_t stream) {
+  const Primitives& primitives = state.primitives();
+  const View view = view_of(input, primitives.sh_coefficients);
+  launch_slice(primitives, view, workspace_, stream);
+  launch_bin(primitives.n, view, instances, workspace_, stream);
+  launch_weigh(view, sums, workspace_, stream);
+  STGS_TRY(cuda_status(cudaGetLastError(), "weighing the primitives"));
+  Counters counters{};
+  STGS_TRY(cuda_status(cudaMemcpyAsync(&counters, counters_.data(), sizeof(Counters),
+                                       cudaMemcpyDeviceToHost, stream),
+                       "copying the counters"));
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "weighing the primitives"));
+  STGS_TRY(clear_overflow(stream));
+  return counters;
+}
+
 }  // namespace stgs::encoder::cuda

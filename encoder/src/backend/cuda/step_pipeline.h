@@ -33,6 +33,11 @@ class StepPipeline {
   // a rank, is mapped host memory as the device addresses it.
   Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* truth,
                  std::size_t instances, StepRecord* record, cudaStream_t stream);
+  // Weighs the primitives at the camera and moment of `input`: adds to `sums`, one a primitive in
+  // units of 1 / kImportanceOne. Where there was no room it adds nothing, and what it returns has
+  // overflow set. Waits.
+  Result<Counters> weigh(const DeviceState& state, const StepInput& input, std::size_t instances,
+                         unsigned long long* sums, cudaStream_t stream);
   // For steps with a perceptual loss; reserved for their patches. Null: there are none.
   void set_perceptual(std::unique_ptr<PerceptualNetwork> network);
   // For steps with a batch: the ranks' exchange, which is not owned. `primitives` at most.

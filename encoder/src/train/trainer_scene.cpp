@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// What training ends in: the scene with its importances, and the report.
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <utility>
+
+#include "train/importance.h"
+#include "train/start_camera.h"
+#include "train/trainer.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr int kImportanceViews = 256;
+
+std::uint64_t peak_memory_bytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+}  // namespace
+
+Result<std::vector<float>> Trainer::importance() {
+  using Clock = std::chrono::steady_clock;
+  if (!ranks_.first()) return std::vector<float>();
+  const Clock::time_point begin = Clock::now();
+  const auto seconds = [begin] {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+  };
+  const auto go_on = [&](double done) {
+    if (!progress_) return true;
+    const double eta = done > 0 ? seconds() * (1 - done) / done : -1;
+    return progress_({"importance", done, eta,
+                      fmt::format("how much each of {} primitives matters", state_.size())});
+  };
+  const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
+  // What is left out as broken is out there too.
+  const Status begun = backend_->begin(state_);
+  Result<std::optional<std::vector<float>>> weighed =
+      begun.ok() ? backend_->importance(views, go_on) : begun;
+  if (!weighed.ok()) {
+    // Nothing that was trained is lost to a GPU which fails at the very end.
+    log_(1, fmt::format("the primitives are weighed on the CPU: {}", weighed.status().message()));
+    weighed = view_importance(state_.set, views, go_on);
+  }
+  importance_seconds_ = seconds();
+  if (weighed->has_value()) return std::move(**weighed);
+  return runtime_error("stopped at iteration {}, before the scene was complete; {}",
+                       state_.iteration, how_to_go_on());
+}
+
+Result<Scene> Trainer::scene() {
+  Scene scene;
+  scene.gaussians = state_.set;
+  STGS_ASSIGN(scene.importance, importance());
+  SceneMetadata& metadata = scene.metadata;
+  metadata.time_base = capture_.time_base;
+  metadata.frames = static_cast<std::uint32_t>(capture_.frames);
+  metadata.metres_per_unit = capture_.metric ? 1.0f : 0.0f;
+  metadata.window = capture_.window;
+  if (metadata.window) {
+    metadata.window->training = settings_id_of(settings_, {parameters_, ablation_}, perceptual_);
+  }
+  metadata.near_plane = capture_.near_plane;
+  std::copy_n(&state_.background.x, 3, metadata.background);
+  metadata.start_camera = start_camera(images_.cameras());
+  metadata.generator = "stgs " STGS_VERSION;
+  return scene;
+}
+
+TrainReport Trainer::report() const {
+  TrainReport report;
+  report.iterations = static_cast<int>(state_.iteration);
+  report.seconds = state_.seconds;
+  report.importance_seconds = importance_seconds_;
+  report.primitives = state_.size();
+  report.final_loss = state_.mean_loss;
+  report.peak_memory = peak_memory_bytes();
+  report.held_out = score_;
+  report.backend = backend_->name();
+  report.perceptual = perceptual_.report();
+  report.frames = images_.statistics();
+  report.processes = ranks_.size();
+  report.parameters = list_hyper_parameters(parameters_);
+  return report;
+}
+
+Result<Scene> train(const PreparedCapture& capture, const TrainSettings& settings,
+                    const ProgressSink& progress, const LogSink& log, TrainReport* report) {
+  try {
+    STGS_ASSIGN(const std::unique_ptr<Trainer> trainer,
+                Trainer::create(capture, settings, progress, log));
+    STGS_TRY(trainer->run());
+    Result<Scene> scene = trainer->scene();
+    if (scene.ok() && report != nullptr) *report = trainer->report();
+    return scene;
+  } catch (const std::bad_alloc&) {
+    return runtime_error("training ran out of memory: use fewer primitives or smaller frames");
+  } catch (const std::exception& error) {
+    return runtime_error("training stopped: {}", error.what());
+  }
+}
+
+}  // namespace stgs::encoder
