@@ -126,6 +126,14 @@ TEST_CASE("of many primitives faint ones are kept, unless told which") {
   CHECK(pruned("best", 400000, {}) == 0.005);
 }
 
+TEST_CASE("the best preset grows on half-size pictures alone") {
+  TrainSettings settings;
+  settings.preset = "best";
+  const Result<TrainingChoice> choice = choose_training(settings);
+  REQUIRE(choice.ok());
+  CHECK(choice->parameters.coarse_until > choice->parameters.stage1_until);
+}
+
 TEST_CASE("short runs densify as often as one of 600 iterations, unless told how often") {
   const auto interval = [](int iterations, const Values& values) {
     TrainSettings settings = settings_of("", values);
