@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
+#include <utility>
 
 #include <tbb/global_control.h>
 #include "../kernels/thread_ranks.h"
@@ -107,7 +108,12 @@ TEST_CASE(
   REQUIRE_FALSE(stopped.ok());
   CHECK(stopped.status().code() == StatusCode::kRuntime);
   CHECK(stopped.status().message().find("stopped at iteration 30, before the scene") == 0);
-  settings.resume = settings.checkpoint;
+  settings.resume = std::exchange(settings.checkpoint, "");
+  const Result<Scene> again = run(
+      synthetic, settings, [](const Progress& progress) { return progress.stage != "importance"; });
+  REQUIRE_FALSE(again.ok());
+  CHECK(again.status().message().find("go on with --resume " + settings.resume) !=
+        std::string::npos);
   const Result<Scene> resumed = run(synthetic, settings);
   REQUIRE(resumed.ok());
   CHECK(same(whole->gaussians, resumed->gaussians));

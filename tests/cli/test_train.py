@@ -54,6 +54,14 @@ class Parameters(CliTest):
                 options = [part for one in sets for part in ("--set", one)]
                 self.fails(USAGE, told, "train", self.fixture("prepared"), "-o", "a.stgs", *options)
 
+    def test_what_leaves_nothing_is_no_scene(self):
+        sets = ["prune_opacity=0.999", "initial_opacity=0.01", "initial_opacity_dynamic=0.01",
+                "densify_interval=5"]
+        self.fails(RUNTIME, "training left nothing: every primitive was removed as too faint",
+                   "train", self.fixture("prepared"), "-o", "a.stgs", "--backend", "cpu",
+                   "--iterations", "60", *[part for one in sets for part in ("--set", one)])
+        self.assertFalse(os.path.exists(self.path("a.stgs")))
+
     @unittest.skipUnless(built_in("encode"), "encode is not built in")
     def test_a_space_that_is_none_is_told_before_the_long_work(self):
         sample = os.path.join(harness.SOURCE, "tests", "data", "workshop")

@@ -9,6 +9,8 @@
 #include "importance_scene.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/raster.h"
+#include "train/weigh.h"
+#include "train_scene.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -26,7 +28,54 @@ Image red_of(const Gaussians4D& set, const ImportanceView& view) {
   return output.colour;
 }
 
+// Fails where it would weigh.
+class FailingBackend final : public TrainBackend {
+ public:
+  Status join(Ranks&) override { return {}; }
+  Status check_perceptual() const override { return {}; }
+  Status reserve(const TrainPlan&) override { return {}; }
+  Status begin(TrainState&) override { return {}; }
+  Status step(const StepInput&) override { return {}; }
+  Result<DensifyCounts> densify(const DensifyInput&) override { return DensifyCounts(); }
+  std::size_t size() const override { return 0; }
+  Result<std::vector<StepOutput>> read() override { return std::vector<StepOutput>(); }
+  Status synchronise() override { return {}; }
+  std::size_t abandon() override { return 0; }
+  Result<std::optional<std::vector<float>>> importance(
+      std::span<const ImportanceView>, const std::function<bool(double)>&) override {
+    return runtime_error("the GPU is gone");
+  }
+  std::string name() const override { return "failing"; }
+};
+
 }  // namespace
+
+TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can the scene is kept") {
+  TrainState state = train_state(random_scene(50, scene_camera(32, 32), 5, {}), 1);
+  const std::vector<ImportanceView> views = importance_scene_views(32, 32);
+  std::vector<std::string> told;
+  const auto log = [&](int level, const std::string& message) {
+    CHECK(level == 1);
+    told.push_back(message);
+  };
+  const auto always = [](double) { return true; };
+  FailingBackend failing;
+  CHECK(weigh_primitives(failing, state, views, always, log) ==
+        view_importance(state.set, views, always));
+  CHECK(told == std::vector<std::string>{"the primitives are weighed on the CPU: the GPU is gone"});
+
+  CHECK_FALSE(weigh_primitives(
+      failing, state, views, [](double) { return false; }, log));
+
+  told.clear();
+  const auto throws = [](double) -> bool { throw std::length_error("too many tiles"); };
+  const auto none = weigh_primitives(failing, state, views, throws, log);
+  REQUIRE(none.has_value());
+  CHECK(none->empty());
+  REQUIRE(told.size() == 2);
+  CHECK(told[1] ==
+        "the primitives are not weighed, so that pack goes by their sizes: too many tiles");
+}
 
 TEST_CASE("importance is what a change of colour does to the pictures") {
   const std::size_t n = 150;

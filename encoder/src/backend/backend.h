@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a training backend does: a step over one view. Everything that decides (schedules,
-// densification, checkpoints) stays with the trainer.
+// What a training backend does: a step over one view, and weighing the primitives at the end.
+// Everything that decides (schedules, densification, checkpoints) stays with the trainer.
 #pragma once
 
 #include <array>
@@ -122,7 +122,7 @@ class TrainBackend {
   // done, the last ones, and returns their number. The state is then that of the steps before.
   virtual std::size_t abandon() = 0;
   // view_importance() of the state that begin() took; nothing where `go_on` answers false. Of
-  // several ranks one alone may call it.
+  // several ranks one alone may call both, after synchronise().
   virtual Result<std::optional<std::vector<float>>> importance(
       std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) = 0;
   virtual std::string name() const = 0;

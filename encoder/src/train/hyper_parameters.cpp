@@ -101,7 +101,8 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
     p.max_primitives = 200000;
     p.prune_opacity = 0.005;
     p.drop_share = 0.1;
-    // Growth is over before: what full-size pictures ask for in addition does not help other views.
+    // After stage1_until: what full-size pictures ask to grow in addition does not help other
+    // views.
     p.coarse_until = 0.4;
     return p;
   }

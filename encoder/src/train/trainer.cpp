@@ -93,6 +93,7 @@ Status Trainer::resume() {
   }
   state_ = std::move(checkpoint.state);
   seconds_before_ = state_.seconds;
+  first_iteration_ = state_.iteration;
   log_(2, fmt::format("resumed at iteration {} from {}", state_.iteration, settings_.resume));
   return {};
 }
@@ -381,8 +382,11 @@ Status Trainer::keep_trained(const Status& error) {
 }
 
 std::string Trainer::how_to_go_on() const {
-  return settings_.checkpoint.empty() ? "no checkpoint was asked for"
-                                      : fmt::format("go on with --resume {}", settings_.checkpoint);
+  // Of a run that was at its end there is nothing more to keep than it came from.
+  const bool as_it_came = !settings_.resume.empty() && state_.iteration == first_iteration_;
+  const std::string& from =
+      settings_.checkpoint.empty() && as_it_came ? settings_.resume : settings_.checkpoint;
+  return from.empty() ? "no checkpoint was asked for" : fmt::format("go on with --resume {}", from);
 }
 
 Status Trainer::run() {
@@ -417,13 +421,14 @@ Status Trainer::train() {
   STGS_TRY(synchronise());
   STGS_TRY(save_checkpoint_if_possible());
   // After the checkpoint, which takes the state from the backend once more.
-  if (const std::size_t broken = remove_broken(state_); broken > 0) {
-    if (state_.size() == 0) {
-      return runtime_error(
-          "training left nothing: all {} primitives have values that are not "
-          "numbers; no scene is written",
-          broken);
-    }
+  const std::size_t broken = remove_broken(state_);
+  if (state_.size() == 0) {
+    return runtime_error(
+        "training left nothing: {}; no scene is written",
+        broken > 0 ? fmt::format("all {} primitives have values that are not numbers", broken)
+                   : "every primitive was removed as too faint (prune_opacity) or too large");
+  }
+  if (broken > 0) {
     log_(1, fmt::format("{} primitives had values that are not numbers and were left out", broken));
   }
   if (const Status written = log_file_.check(); !written.ok()) log_(1, written.message());

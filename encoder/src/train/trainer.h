@@ -81,7 +81,7 @@ class Trainer {
   Status save_checkpoint();
   // For whoever stopped it.
   std::string how_to_go_on() const;
-  // Scene::importance, which may take longer than a short run; kRuntime where it is stopped.
+  // Scene::importance; kRuntime where it is stopped.
   Result<std::vector<float>> importance();
   // As that, where the scene counts for more: what cannot be written is a warning.
   Status save_checkpoint_if_possible();
@@ -116,7 +116,8 @@ class Trainer {
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   double importance_seconds_ = 0;
-  double seconds_before_ = 0;  // spent by the runs that this one goes on from
+  double seconds_before_ = 0;          // spent by the runs that this one goes on from
+  std::uint64_t first_iteration_ = 0;  // theirs
   LogWriter log_file_;
   HeldOutViews held_out_;
   double densified_ = 0;  // share of the run at which it was due last, or which a resumed run began

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // What training ends in: the scene with its importances, and the report.
+#include <fmt/format.h>
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <chrono>
 #include <exception>
 #include <new>
 #include <utility>
 
-#include "train/importance.h"
 #include "train/start_camera.h"
 #include "train/trainer.h"
+#include "train/weigh.h"
 
 namespace stgs::encoder {
 namespace {
@@ -38,17 +40,10 @@ Result<std::vector<float>> Trainer::importance() {
                       fmt::format("how much each of {} primitives matters", state_.size())});
   };
   const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
-  // What is left out as broken is out there too.
-  const Status begun = backend_->begin(state_);
-  Result<std::optional<std::vector<float>>> weighed =
-      begun.ok() ? backend_->importance(views, go_on) : begun;
-  if (!weighed.ok()) {
-    // Nothing that was trained is lost to a GPU which fails at the very end.
-    log_(1, fmt::format("the primitives are weighed on the CPU: {}", weighed.status().message()));
-    weighed = view_importance(state_.set, views, go_on);
-  }
+  std::optional<std::vector<float>> weighed =
+      weigh_primitives(*backend_, state_, views, go_on, log_);
   importance_seconds_ = seconds();
-  if (weighed->has_value()) return std::move(**weighed);
+  if (weighed) return *std::move(weighed);
   return runtime_error("stopped at iteration {}, before the scene was complete; {}",
                        state_.iteration, how_to_go_on());
 }

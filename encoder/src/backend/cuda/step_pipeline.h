@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of one step in their order, and the buffers between them.
+// The kernels of one step, or of weighing at one view, in their order, and the buffers between
+// them.
 #pragma once
 
 #include <functional>

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// Weighing what was trained, where it was trained.
+#pragma once
+
+#include "backend/backend.h"
+
+namespace stgs::encoder {
+
+// The importances of the state's primitives by the backend, where that fails by the CPU, and where
+// that fails too none, which pack makes up for by sizes: each with a warning, as nothing that was
+// trained may be lost to it. Nothing where `go_on` answers false. After the last step.
+std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainState& state,
+                                                   std::span<const ImportanceView> views,
+                                                   const std::function<bool(double)>& go_on,
+                                                   const LogSink& log);
+
+}  // namespace stgs::encoder
