@@ -54,6 +54,14 @@ class FileSource final : public ByteSource {
     return ::fstat(fd_, &info) == 0 && bytes_of(info) < size();
   }
 
+  void set_finished() override { finished_ = true; }
+  bool was_written() const override {
+    struct stat info {};
+    return finished_ && ::fstat(fd_, &info) == 0 &&
+           (bytes_of(info) != size() || info.st_mtim.tv_sec != inode_.st_mtim.tv_sec ||
+            info.st_mtim.tv_nsec != inode_.st_mtim.tv_nsec);
+  }
+
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     std::size_t done = 0;
@@ -79,6 +87,7 @@ class FileSource final : public ByteSource {
   const int fd_;
   const struct stat inode_;  // when it was opened
   std::atomic<std::uint64_t> size_;
+  std::atomic<bool> finished_ = false;
   const std::string name_;
 };
 

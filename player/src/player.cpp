@@ -36,9 +36,8 @@ Status check(const PlayerSettings& s) {
   return {};
 }
 
-std::string shorter_message(const std::string& name) {
-  return fmt::format("{}: has lost bytes that it had: it was overwritten or cut; open it again",
-                     name);
+std::string changed_message(const std::string& name) {
+  return fmt::format("{}: is not what it was: it was overwritten or cut; open it again", name);
 }
 
 class StreamPlayer final : public Player {
@@ -56,11 +55,12 @@ class StreamPlayer final : public Player {
         clock_(last_moment(), time_base_.ticks(1.0)),
         edge_(settings.live, time_base_.seconds(frames_), last_stretch(*reader)),
         store_(reader, source, settings,
-               [transfers = transfers_, message = shorter_message(source->name())](bool shorter) {
-                 transfers->set_replaced(shorter, message);
+               [transfers = transfers_, message = changed_message(source->name())](bool changed) {
+                 transfers->set_replaced(changed, message);
                }),
         timeline_(make_stream_timeline(store_, source->name())) {
     growing_ = settings.live.follow && source->may_grow() && is_growing();
+    // Nothing is fetched before the first move, so that a failure here waits for no read.
     if (growing_) begin_live(source, std::move(cache));
     move(true);
   }
@@ -353,6 +353,9 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
     }
     IndexCache cache;
     STGS_ASSIGN(const auto reader, open_snapshot(pieces, cache, settings.limits, memory));
+    // Of one that lacks something the rest may be on its way.
+    const bool is_whole = reader->form() != SceneForm::kGrowing && reader->damage().empty();
+    if (is_whole) pieces->set_finished();
     return std::unique_ptr<Player>(std::make_unique<StreamPlayer>(
         reader, pieces, std::move(cache), settings, std::move(interrupt), std::move(transfers)));
   } catch (const std::exception& e) {

@@ -2,7 +2,9 @@
 // Reads that the application answers later. A read that nobody waits for any more keeps its memory
 // and the source until it is completed.
 #include <algorithm>
+#include <chrono>
 #include <condition_variable>
+#include <functional>
 #include <mutex>
 #include <utility>
 #include <vector>
@@ -44,10 +46,17 @@ class AsyncIo {
     }
     answered_.notify_all();
   }
-  // false: interrupted before it has come.
-  bool wait_for(const Answer& answer) {
+  // false: interrupted, or not wanted any more, before it has come. `is_wanted` may be empty.
+  bool wait_for(const Answer& answer, const std::function<bool()>& is_wanted) {
+    constexpr std::chrono::milliseconds kLook{250};
     std::unique_lock lock(mutex_);
-    answered_.wait(lock, [&] { return answer.here || interrupted_; });
+    const auto ended = [&] { return answer.here || interrupted_; };
+    while (!answered_.wait_for(lock, kLook, ended)) {
+      lock.unlock();
+      const bool wanted = !is_wanted || is_wanted();
+      lock.lock();
+      if (!wanted) break;
+    }
     return answer.here;
   }
   bool is_interrupted() {
@@ -83,6 +92,10 @@ class AsyncSource final : public ByteSource {
   stgs::Result<Change> refresh(std::uint64_t kept) override { return size_.refresh(kept); }
   const std::string& name() const override { return name_; }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    return read_while({}, offset, out);
+  }
+  Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+                    std::span<std::uint8_t> out) const override {
     const stgs_async_io& io = caller_->io();
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
@@ -91,7 +104,7 @@ class AsyncSource final : public ByteSource {
     answer->bytes.resize(out.size());
     auto* read = new stgs_read{caller_, answer};  // the application's, which completes it
     io.begin(io.user, read, offset, answer->bytes.data(), out.size());
-    if (!caller_->wait_for(*answer)) return interrupted();
+    if (!caller_->wait_for(*answer, is_wanted)) return interrupted();
     if (answer->error != 0) {
       return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
                       answer->error);

@@ -27,6 +27,8 @@ stgs_result result_of_code(StatusCode code) {
       return STGS_ERROR_OUT_OF_MEMORY;
     case StatusCode::kLimit:
       return STGS_ERROR_LIMIT;
+    case StatusCode::kDeviceLost:
+      return STGS_ERROR_DEVICE_LOST;
     case StatusCode::kRuntime:
     case StatusCode::kDiffers:
       break;
@@ -124,6 +126,8 @@ const char* stgs_result_name(stgs_result result) {
       return "STGS_ERROR_LIMIT";
     case STGS_ERROR_CANCELLED:
       return "STGS_ERROR_CANCELLED";
+    case STGS_ERROR_DEVICE_LOST:
+      return "STGS_ERROR_DEVICE_LOST";
     case STGS_ERROR_UNSUPPORTED:
       return "STGS_ERROR_UNSUPPORTED";
     case STGS_ERROR_NOT_BUILT:

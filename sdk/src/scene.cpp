@@ -82,6 +82,8 @@ void stgs_scene::tell_damage() const {
 }
 
 void stgs_scene::tell_losses() {
+  // A recording that is listed anew has other segments.
+  if (std::exchange(losses_of, timeline->identity()) != timeline->identity()) losses_told = 0;
   const auto& losses = timeline->losses();
   for (; losses_told < losses.size(); ++losses_told) {
     const stgs::player::Loss& loss = losses[losses_told];

@@ -18,7 +18,8 @@ struct stgs_scene {
   std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or the player's
   stgs::player::Timeline* timeline = nullptr;         // null: not open
   std::size_t losses_told = 0;
-  std::set<std::string> texts;  // that were given to the caller
+  std::shared_ptr<const void> losses_of;  // Timeline::identity() of these
+  std::set<std::string> texts;            // that were given to the caller
 
   stgs::sdk::Outcome check_open() const {
     if (timeline != nullptr) return {};

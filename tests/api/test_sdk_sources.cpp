@@ -44,6 +44,30 @@ TEST_CASE("a pipe is refused by its name, without waiting for a writer", "[sdk]"
   CHECK(error_of(player.get()).message == message);
 }
 
+TEST_CASE("a read that is not answered holds up no seek to elsewhere", "[sdk]") {
+  LateFile file(clip_file());
+  stgs_player_settings settings = player_settings();
+  settings.fetches = 1;
+  settings.ahead_seconds = settings.resume_seconds = 0.1;
+  const PlayerPtr player = make_player(&settings);
+  const stgs_async_io io = file.io();
+  REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
+  REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status& status) {
+    file.answer(0);
+    return status.state != STGS_PLAYER_OPENING && status.settled != 0;
+  }));
+  REQUIRE(stgs_player_seek(player.get(), 0.9) == STGS_OK);
+  REQUIRE(wait_until([&] { return file.waiting() == 1; }));
+  CHECK(update(player.get(), 0).ready == 0);
+  REQUIRE(stgs_player_seek(player.get(), 1.9) == STGS_OK);
+  CHECK(update_until(player.get(), 0, [&](const stgs_player_status& status) {
+    int before = 0;  // the first is the one that goes without an answer
+    file.answer_each([&] { return before++ == 0 ? std::nullopt : std::optional(0); });
+    return status.ready != 0;
+  }));
+  CHECK(file.waiting() >= 1);
+}
+
 TEST_CASE("what is larger than a file may be is not copied", "[sdk]") {
   int requests = 0;
   stgs_allocator allocator{};

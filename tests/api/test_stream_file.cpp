@@ -66,5 +66,32 @@ TEST_CASE("a file that has lost its end is told once, though what is before it s
   CHECK(p.count(Kind::kReplaced) == 1);
 }
 
+TEST_CASE("a file that is overwritten by another, of any size, is told once, and made up for") {
+  const auto& bytes = clip().bytes;
+  for (const std::size_t size : {bytes.size(), bytes.size() + 5000, bytes.size() / 2}) {
+    CAPTURE(size);
+    const ClipFile file;
+    Playing p = file.play();
+    REQUIRE(p.complete());
+    // Its index, which is known already, and nothing else of it.
+    std::string other(size, 'x');
+    std::copy_n(bytes.begin(), clip().pieces_at, other.begin());
+    std::ofstream(file.path, std::ios::binary) << other;
+    for (const double moment : {1.5, 2.5}) {
+      REQUIRE(p.player->seek(moment).ok());
+      REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == 1 && p.player->settled(); }));
+      CHECK_FALSE(p.player->ready());
+    }
+    file.make_whole();
+    for (const double moment : {2.5, 1.5}) {
+      REQUIRE(p.player->seek(moment).ok());
+      REQUIRE(p.complete());
+      CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
+    }
+    CHECK(p.count(Kind::kReplaced) == 1);
+    CHECK(p.count(Kind::kDamaged) == 0);
+  }
+}
+
 }  // namespace
 }  // namespace stgs::player

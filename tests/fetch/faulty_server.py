@@ -9,11 +9,12 @@ import time
 
 
 class FaultyServer:
-    """Serves `data` at any path. `faults`: for each request in turn a dict, then none.
+    """Serves `data` at any path. `faults`: for each request in turn a dict, or what gives one for the
+    server, then none.
 
     status: answer with this and no file (retry_after: with that header); cut: bytes of the body
     after which the connection is reset; stall: the same, and silence; delay: seconds before the
-    answer; whole: ignore the range; shift: answer another range; encode: say that it is gzip;
+    answer; drip: a byte each so many seconds; whole: ignore the range; shift: answer another range; encode: say that it is gzip;
     long: bytes too many; anonymous: no ETag and no time; redirect: another place; no_total.
     """
 
@@ -55,6 +56,7 @@ class FaultyServer:
     def answer(self, request):
         with self.lock:
             fault = self.faults.pop(0) if self.faults else {}
+            fault = fault(self) if callable(fault) else fault
             data, etag = self.data, self.etag
             self.ranges.append(request.headers.get("Range"))
             self.connections.add(request.client_address)
@@ -110,6 +112,12 @@ class FaultyServer:
         body += b"!" * fault.get("long", 0)
         request.send_header("Content-Length", str(len(body)))
         request.end_headers()
+        if "drip" in fault:
+            for k in range(len(body)):
+                request.wfile.write(body[k:k + 1])
+                request.wfile.flush()
+                time.sleep(fault["drip"])
+            return
         part = fault.get("cut", fault.get("stall"))
         if part is None:
             request.wfile.write(body)

@@ -6,11 +6,16 @@
 //   Plays PLACE for SECONDS of the clock at 30 pictures a second (round and round), seeks to each
 //   moment SEEK 0.3 s apart meanwhile, then pauses, waits until all has come that can come (5 s at
 //   most), and compares what is alive, and a picture of it, with LOCAL, the same file on a disk.
+//        play_probe seek PLACE MOMENT...
+//   Shows the first moment; when all of it has come, and half a second has passed, seeks to each
+//   moment a second after the one before, and waits until the last is ready, 8 s at most. One read
+//   at a time.
 //        play_probe follow PLACE SECONDS
 //   Follows a recording until it has ended, for SECONDS at most.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -182,6 +187,31 @@ PlayerSettings impatient() {
   return settings;
 }
 
+void seek(int argc, char** argv) {
+  PlayerSettings settings;
+  settings.fetches = 1;
+  settings.ahead_seconds = 0.1;
+  settings.resume_seconds = 0.1;
+  settings.http.head_bytes = 4096;
+  auto player = Player::open(argv[2], settings);
+  if (!player.ok()) fail(player.status());
+  const auto wait = [&](double duration, const std::function<bool()>& until) {
+    const double begin = seconds();
+    while (seconds() < begin + duration && !until()) {
+      (void)(*player)->advance(seconds());
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return seconds() - begin;
+  };
+  Json out{{"first", wait(8, [&] { return (*player)->settled(); })}, {"took", Json::array()}};
+  (void)wait(0.5, [] { return false; });
+  for (int k = 3; k < argc; ++k) {
+    if (const Status status = (*player)->seek(std::atof(argv[k])); !status.ok()) fail(status);
+    out["took"].push_back(wait(k + 1 < argc ? 1 : 8, [&] { return (*player)->ready(); }));
+  }
+  std::printf("%s\n", out.dump().c_str());
+}
+
 void follow(char** argv) {
   PlayerSettings settings = impatient();
   settings.live.behind_seconds = 0;
@@ -220,12 +250,14 @@ int main(int argc, char** argv) {
     make(argv[2]);
   } else if (verb == "play" && argc >= 5) {
     play(argc, argv);
+  } else if (verb == "seek" && argc >= 4) {
+    seek(argc, argv);
   } else if (verb == "follow" && argc == 4) {
     follow(argv);
   } else {
     std::fprintf(stderr,
-                 "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...] | follow PLACE "
-                 "SECONDS\n");
+                 "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...] | seek PLACE "
+                 "MOMENT... | follow PLACE SECONDS\n");
     return 1;
   }
   return 0;

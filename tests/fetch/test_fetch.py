@@ -81,6 +81,15 @@ class Ranges(unittest.TestCase):
             self.assertIn("nothing came for 1 s", out["events"][0]["message"])
             self.assertEqual(server.ranges[2].split("-")[1], "20999")
 
+    def test_a_server_that_drips_counts_as_silent(self):
+        """20 bytes a second, which would take an hour."""
+        with FaultyServer(DATA, [{}, {"drip": 0.05}]) as server:
+            out = probe(server.url, "1000:80000")
+            self.reads(out, 0, 1000, 80000)
+            self.assertTrue(1 <= out["ops"][0]["seconds"] < 6, out["ops"])
+            self.assertIn("next to nothing came for 1 s", out["events"][0]["message"])
+            self.assertGreater(int(server.ranges[2].split("=")[1].split("-")[0]), 1000)
+
     def test_errors_of_the_moment_are_waited_out(self):
         faults = [{}, {"status": 503}, {"status": 500}, {"status": 429, "retry_after": 1}]
         with FaultyServer(DATA, faults) as server:

@@ -110,6 +110,27 @@ class Play(unittest.TestCase):
         out = self.faulty([{}, {"stall": 100}, {}, {"stall": 0}], 3)
         self.assertGreater(out["counts"].get("retry", 0), 0, out)
 
+    def test_a_seek_away_from_what_stalls(self):
+        """What is sought does not wait for a read that stands still, nor for one that is tried again."""
+        for fault in ({"stall": 0}, {"status": 503, "retry_after": 20}):
+            with self.subTest(fault=fault), FaultyServer(self.data) as server:
+                asked, faulty_from = [], []
+
+                def answer(_, asked=asked, faulty_from=faulty_from, fault=fault):
+                    """Faulty for .8 s from the first request on that comes after a pause."""
+                    asked.append(time.monotonic())
+                    if len(asked) > 1 and asked[-1] - asked[-2] > 0.4 and not faulty_from:
+                        faulty_from.append(asked[-1])
+                    return fault if faulty_from and asked[-1] - faulty_from[0] < 0.8 else {}
+
+                server.faults = [answer] * 1000
+                run = subprocess.run([PROBE, "seek", server.url, "1.3", "2.7"],
+                                     stdout=subprocess.PIPE, check=True, timeout=60)
+                out = json.loads(run.stdout)
+                self.assertNotIn("error", out)
+                self.assertGreater(out["took"][0], 0.99, out)
+                self.assertLess(out["took"][1], 3, out)
+
     def test_seeks_while_all_is_late(self):
         self.faulty([{"delay": 0.1}] * 400, 2, 2.5, 0.2, 1.7, 0.9, 2.9)
 
@@ -190,18 +211,21 @@ class PlayNginx(unittest.TestCase):
         self.assertTrue(any("404" in m for m in out["messages"]), out)
 
     def test_a_file_that_is_replaced_and_put_back(self):
-        def replace_for_a_while():
+        """By a smaller and by a larger one."""
+        def replace_for_a_while(size):
             os.rename(self.served, self.served + ".away")
             with open(self.served + ".other", "wb") as other:
-                other.write(bytes(range(256)) * (self.size // 256))
+                other.write((bytes(range(256)) * (size // 256 + 1))[:size])
             os.rename(self.served + ".other", self.served)
             time.sleep(1)
             os.rename(self.served + ".away", self.served)
 
-        out = self.while_it_plays(replace_for_a_while, 4)
-        self.recovers(out)  # nothing of the other is taken for it
-        self.assertEqual(out["counts"].get("replaced", 0), 1, out)
-        self.assertEqual(out["counts"].get("damaged", 0), 0, out)
+        for size in (self.size // 256 * 256, self.size + 1000):
+            with self.subTest(size=size):
+                out = self.while_it_plays(lambda n=size: replace_for_a_while(n), 4)
+                self.recovers(out)  # nothing of the other is taken for it
+                self.assertEqual(out["counts"].get("replaced", 0), 1, out)
+                self.assertEqual(out["counts"].get("damaged", 0), 0, out)
 
 
 class Live(unittest.TestCase):

@@ -92,6 +92,7 @@ int Session::conclude(Status status) {
   if (world_ != nullptr) world_->finish();
   switch (status.code()) {
     case StatusCode::kNoMemory:
+    case StatusCode::kDeviceLost:
       return static_cast<int>(StatusCode::kRuntime);
     case StatusCode::kLimit:
       return static_cast<int>(StatusCode::kUnsupported);

@@ -73,7 +73,8 @@ class CudaRenderer final : public Renderer {
       STGS_TRY(frame_.add_times(sums));
       if (stats != nullptr) *stats = sums;
     } catch (const std::exception& e) {
-      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
+      return Status(code_of(e),
+                    fmt::format("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what()));
     }
     drawn_ = true;
     return {};
@@ -84,7 +85,7 @@ class CudaRenderer final : public Renderer {
       if (drawn_) return frame_.read(frames);
       frames.clear();
     } catch (const std::exception& e) {
-      return runtime_error("no memory for a picture: {}", e.what());
+      return Status(code_of(e), fmt::format("no memory for a picture: {}", e.what()));
     }
     return {};
   }
@@ -104,7 +105,7 @@ class CudaRenderer final : public Renderer {
     try {
       return frame_.profile(grids_[degree_], buffers_, stream_.get());
     } catch (const std::exception& e) {
-      return runtime_error("no memory to tell what a frame takes: {}", e.what());
+      return Status(code_of(e), fmt::format("no memory to tell what a frame takes: {}", e.what()));
     }
   }
 

@@ -14,7 +14,18 @@ namespace stgs::player::cuda {
 
 inline Status cuda_status(cudaError_t error, const char* what) {
   if (error == cudaSuccess) return {};
-  return runtime_error("CUDA failed while {}: {}", what, cudaGetErrorString(error));
+  std::string message = fmt::format("CUDA failed while {}: {}", what, cudaGetErrorString(error));
+  switch (error) {
+    case cudaErrorMemoryAllocation:
+      return {StatusCode::kNoMemory, std::move(message)};
+    // After these the process's context answers nothing else.
+    case cudaErrorECCUncorrectable:
+    case cudaErrorIllegalAddress:
+    case cudaErrorLaunchFailure:
+      return {StatusCode::kDeviceLost, message + ": the GPU has failed; make another renderer"};
+    default:
+      return {StatusCode::kRuntime, std::move(message)};
+  }
 }
 
 // Bytes that grow as they are asked for; what they held is lost then.
@@ -38,7 +49,8 @@ class GrowingBuffer {
     if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
       (void)cudaGetLastError();  // told here, and remembered no longer
       data_ = nullptr;
-      return runtime_error("no {} MiB of GPU memory left", (wanted >> 20) + 1);
+      return {StatusCode::kNoMemory,
+              fmt::format("no {} MiB of GPU memory left", (wanted >> 20) + 1)};
     }
     bytes_ = wanted;
     return {};

@@ -152,7 +152,8 @@ Status SegmentCache::allocate(std::uint32_t primitives, std::uint8_t*& fresh) {
   void* memory = nullptr;
   if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) != cudaSuccess) {
     (void)cudaGetLastError();  // told here, and remembered no longer
-    return runtime_error("no {} MiB of GPU memory left for segments", (bytes >> 20) + 1);
+    return {StatusCode::kNoMemory,
+            fmt::format("no {} MiB of GPU memory left for segments", (bytes >> 20) + 1)};
   }
   fresh = static_cast<std::uint8_t*>(memory);
   return {};

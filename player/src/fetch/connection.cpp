@@ -16,8 +16,10 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kLeastStall = 0.1;      // seconds
-constexpr int kPollMilliseconds = 1000;  // between looks at timeouts; a stop wakes it at once
+constexpr double kLeastStall = 0.1;  // seconds
+constexpr double kLeastSpeed = 100;  // bytes a second: what comes more slowly counts as silence
+// Between looks at timeouts, and at whether what comes is still wanted; a stop wakes it at once.
+constexpr int kPollMilliseconds = 250;
 
 std::string_view trimmed(std::string_view text) {
   const auto blank = [](char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; };
@@ -123,7 +125,9 @@ struct Connection::Reply {
   std::string refused;  // why the body is not taken
   StatusCode code = StatusCode::kIo;
   bool connected = false;                  // to who is asked now
-  Clock::time_point heard = Clock::now();  // when that was, or anything of it came last
+  Clock::time_point heard = Clock::now();  // when that was, or something of it had come last
+  std::size_t least = 1;                   // bytes of the body that are something
+  std::size_t unheard = 0;                 // bytes that have come since
   char error[CURL_ERROR_SIZE] = {};
 
   long status() const {
@@ -164,6 +168,11 @@ struct Connection::Reply {
     return refused.empty();
   }
 
+  void hear() {
+    heard = Clock::now();
+    unheard = 0;
+  }
+
   // False ends the try.
   bool body(const char* bytes, std::size_t count) {
     if (status() != 206 && status() != 200) return true;  // a page that tells of an error
@@ -174,22 +183,23 @@ struct Connection::Reply {
     }
     std::memcpy(out.data() + received, bytes, count);
     received += count;
+    unheard += count;
+    if (unheard >= least) hear();
     return true;
   }
 
   // Before each request, of a chain of redirections too.
   static int on_connected(void* reply, char*, char*, int, int) {
     static_cast<Reply*>(reply)->connected = true;
-    static_cast<Reply*>(reply)->heard = Clock::now();
+    static_cast<Reply*>(reply)->hear();
     return CURL_PREREQFUNC_OK;
   }
   static std::size_t on_header(char* bytes, std::size_t size, std::size_t count, void* reply) {
-    static_cast<Reply*>(reply)->heard = Clock::now();
+    static_cast<Reply*>(reply)->hear();
     static_cast<Reply*>(reply)->header({bytes, size * count});
     return size * count;
   }
   static std::size_t on_body(char* bytes, std::size_t size, std::size_t count, void* reply) {
-    static_cast<Reply*>(reply)->heard = Clock::now();
     return static_cast<Reply*>(reply)->body(bytes, size * count) ? size * count : 0;
   }
 };
@@ -207,7 +217,8 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   self->connect_ = std::chrono::milliseconds(milliseconds(settings.connect_seconds));
   curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
-  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
+  const bool is_secret = same_name(std::string_view(url).substr(0, 6), "https:");
+  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, is_secret ? "https" : "http,https");
   curl_easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
   curl_easy_setopt(easy, CURLOPT_MAXREDIRS, 5L);
   curl_easy_setopt(easy, CURLOPT_USERAGENT, "stgs");
@@ -231,7 +242,7 @@ Connection::~Connection() {
 // Runs the transfer; a stop wakes it. Silence is timed here: libcurl's own limit is of a speed that
 // it takes the mean of over some seconds. The handles stay together only meanwhile, the connection
 // in any case.
-CURLcode Connection::perform(Reply& reply, bool& stopped) {
+CURLcode Connection::perform(Reply& reply, const std::function<bool()>& is_wanted, bool& stopped) {
   CURLM* const multi = multi_;
   const std::stop_callback wake(stop_, [multi] { curl_multi_wakeup(multi); });
   CURLcode result = CURLE_FAILED_INIT;
@@ -243,7 +254,8 @@ CURLcode Connection::perform(Reply& reply, bool& stopped) {
     const auto left =
         std::chrono::ceil<std::chrono::milliseconds>(reply.heard + limit - Clock::now());
     if (running > 0 && left.count() <= 0) {
-      fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "nothing came for {:g} s",
+      fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "{} came for {:g} s",
+                       reply.unheard > 0 ? "next to nothing" : "nothing",
                        std::chrono::duration<double>(stall_).count());
       result = CURLE_OPERATION_TIMEDOUT;
       break;
@@ -253,7 +265,7 @@ CURLcode Connection::perform(Reply& reply, bool& stopped) {
       code = curl_multi_poll(multi_, nullptr, 0, static_cast<int>(wait), nullptr);
     }
     if (code != CURLM_OK) break;
-    stopped = stop_.stop_requested();
+    stopped = running > 0 && (stop_.stop_requested() || (is_wanted && !is_wanted()));
   }
   int left = 0;
   while (const CURLMsg* message = curl_multi_info_read(multi_, &left)) {
@@ -263,12 +275,14 @@ CURLcode Connection::perform(Reply& reply, bool& stopped) {
   return result;
 }
 
-Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out,
-                        const std::string& known) {
+Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known,
+                        const std::function<bool()>& is_wanted) {
   Reply reply;
   reply.easy = easy_;
   reply.offset = offset;
   reply.out = out;
+  reply.least = static_cast<std::size_t>(
+      std::max(1.0, kLeastSpeed * std::chrono::duration<double>(stall_).count()));
   const std::string range = fmt::format("{}-{}", offset, offset + out.size() - 1);
   curl_easy_setopt(easy_, CURLOPT_RANGE, range.c_str());
   curl_easy_setopt(easy_, CURLOPT_PREREQDATA, &reply);
@@ -278,12 +292,13 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out,
   const Headers headers = headers_if_changed(known);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
   bool stopped = stop_.stop_requested();
-  const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, stopped);
+  const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, is_wanted, stopped);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, nullptr);
 
   Attempt attempt;
   attempt.received = reply.received;
+  attempt.unheard = reply.unheard;
   attempt.total = reply.range.total.value_or(0);
   attempt.validator = reply.etag.empty() ? reply.modified : reply.etag;
   curl_off_t after = 0;

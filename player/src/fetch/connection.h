@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <stop_token>
@@ -28,6 +29,7 @@ struct Attempt {
   std::string reason;
   bool unchanged = false;    // of kDone: nothing was sent, the validator is the known one
   std::size_t received = 0;  // bytes of the range, from its first
+  std::size_t unheard = 0;   // of these, the last that came too slowly to count
   std::uint64_t total = 0;   // the file's size by Content-Range; 0: not told
   std::string validator;     // ETag, else Last-Modified, else empty
   double retry_after = 0;    // seconds that the server asks for
@@ -42,14 +44,16 @@ class Connection {
   Connection& operator=(const Connection&) = delete;
 
   // Asks for `out.size()` bytes, at least one, from `offset` on; with the ETag `known`, where it is
-  // not empty, only if it is another now, and past caches that may hold what was.
-  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {});
+  // not empty, only if it is another now, and past caches that may hold what was. Stopped where
+  // `is_wanted`, which may be empty, answers false.
+  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {},
+              const std::function<bool()>& is_wanted = {});
 
  private:
   struct Reply;
 
   Connection() = default;
-  CURLcode perform(Reply& reply, bool& stopped);
+  CURLcode perform(Reply& reply, const std::function<bool()>& is_wanted, bool& stopped);
 
   CURLM* multi_ = nullptr;
   CURL* easy_ = nullptr;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <mutex>
 #include <random>
@@ -12,8 +13,10 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kLongestWait = 5;           // seconds between tries of our own choice
-constexpr double kLongestWaitAsked = 30;     // and where the server asks for it
+constexpr double kLongestWait = 5;        // seconds between tries of our own choice
+constexpr double kLongestWaitAsked = 30;  // and where the server asks for it
+// Between looks at whether what is waited for is still wanted.
+constexpr std::chrono::milliseconds kLook{250};
 constexpr std::size_t kHeadCompared = 4096;  // bytes that tell whether a file is still the same
 
 // The URL for messages: without who asks, and without a query, which may be a key.
@@ -45,6 +48,10 @@ class Http final : public HttpSource {
   }
 
   std::uint64_t size() const override { return known().size; }
+  void set_finished() override {
+    const std::lock_guard lock(mutex_);
+    known_.is_finished = true;
+  }
   const std::string& name() const override { return name_; }
 
   bool may_grow() const override { return true; }
@@ -70,13 +77,17 @@ class Http final : public HttpSource {
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    return read_while({}, offset, out);
+  }
+  Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+                    std::span<std::uint8_t> out) const override {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
     if (offset + out.size() <= head_bytes_) {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     }
-    return fetch(offset, out, Check::kSame).status();
+    return fetch(offset, out, Check::kSame, {}, is_wanted).status();
   }
 
   TransferStatistics statistics() const override {
@@ -135,6 +146,7 @@ class Http final : public HttpSource {
     std::uint64_t size = 0;
     std::uint64_t kept = 0;  // of these bytes, how many are known to stay
     std::string validator;
+    bool is_finished = false;  // all of them, and no more come
   };
   Known known() const {
     const std::lock_guard lock(mutex_);
@@ -148,7 +160,9 @@ class Http final : public HttpSource {
   // Whether an answer is of the file that was known when it was asked for.
   static bool is_same(const Attempt& attempt, const Known& known) {
     if (attempt.total == 0) return true;  // it did not say
-    if (attempt.total < known.kept) return false;
+    if (attempt.total < known.kept || (known.is_finished && attempt.total != known.size)) {
+      return false;
+    }
     const bool all_stays = attempt.total == known.size && attempt.total == known.kept;
     return !all_stays || attempt.validator == known.validator;
   }
@@ -160,15 +174,16 @@ class Http final : public HttpSource {
 
   // `etag`, where it is not empty: nothing needs to come as long as it is that.
   Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
-                     const std::string& etag = {}) const {
+                     const std::string& etag = {},
+                     const std::function<bool()>& is_wanted = {}) const {
     const Lease lease(*this);
     if (settings_.stop.stop_requested()) return stopped();
     if (lease.get() == nullptr) return runtime_error("{}: libcurl has no memory left", name_);
     std::size_t done = 0;
     for (int failures = 0;;) {
       const Known then = known();
-      const Attempt attempt =
-          lease.get()->get(offset + done, out.subspan(done), done == 0 ? etag : std::string());
+      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done),
+                                               done == 0 ? etag : std::string(), is_wanted);
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
@@ -187,9 +202,9 @@ class Http final : public HttpSource {
       } else if (attempt.outcome == Attempt::Outcome::kHopeless) {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
-        failures = attempt.received > 0 ? 1 : failures + 1;
+        failures = attempt.received > attempt.unheard ? 1 : failures + 1;
         if (failures < settings_.tries) {
-          STGS_TRY(wait(offset + done, failures, attempt));
+          STGS_TRY(wait(offset + done, failures, attempt, is_wanted));
           continue;
         }
         failure = io_error("{}: {} (given up after {} tries at byte {})", name_, attempt.reason,
@@ -208,7 +223,8 @@ class Http final : public HttpSource {
   }
 
   // Before the next try: each time twice as long, and not for all readers alike.
-  Status wait(std::uint64_t offset, int failures, const Attempt& attempt) const {
+  Status wait(std::uint64_t offset, int failures, const Attempt& attempt,
+              const std::function<bool()>& is_wanted) const {
     std::unique_lock lock(mutex_);
     double seconds =
         std::min(settings_.back_off_seconds * std::ldexp(1.0, failures - 1), kLongestWait);
@@ -216,10 +232,16 @@ class Http final : public HttpSource {
     seconds = std::max(seconds, std::min(attempt.retry_after, kLongestWaitAsked));
     lock.unlock();
     tell(TransferEvent::Kind::kRetry, offset, seconds, attempt.reason);
-    lock.lock();
-    const auto pause = std::chrono::duration<double>(seconds);
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    std::mutex none;
+    std::unique_lock wait(none);
     std::condition_variable_any never;
-    never.wait_for(lock, settings_.stop, pause, [] { return false; });
+    while (std::chrono::steady_clock::now() < end) {
+      if (settings_.stop.stop_requested() || (is_wanted && !is_wanted())) return stopped();
+      const auto look = std::chrono::steady_clock::now() + kLook;
+      never.wait_until(wait, settings_.stop, std::min<decltype(end)>(end, look),
+                       [] { return false; });
+    }
     return settings_.stop.stop_requested() ? stopped() : Status();
   }
 

@@ -30,7 +30,8 @@ Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) cons
   return {};
 }
 
-Status PieceSource::fetch(std::uint64_t offset, std::span<std::uint8_t> out, bool& read) const {
+Status PieceSource::fetch(const std::function<bool()>& is_wanted, std::uint64_t offset,
+                          std::span<std::uint8_t> out, bool& read) const {
   {
     const std::lock_guard lock(mutex_);
     for (const auto& [begin, bytes] : recent_) {
@@ -45,7 +46,7 @@ Status PieceSource::fetch(std::uint64_t offset, std::span<std::uint8_t> out, boo
     }
   }
   read = true;
-  return under_->read(offset, out);
+  return under_->read_while(is_wanted, offset, out);
 }
 
 void PieceSource::recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {

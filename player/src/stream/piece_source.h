@@ -3,6 +3,7 @@
 #pragma once
 
 #include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <memory_resource>
@@ -25,12 +26,15 @@ class PieceSource final : public ByteSource {
   const std::string& name() const override { return under_->name(); }
   bool may_grow() const override { return under_->may_grow(); }
   Result<Change> refresh(std::uint64_t kept) override { return under_->refresh(kept); }
+  void set_finished() override { under_->set_finished(); }
   bool has_lost_bytes() const override { return under_->has_lost_bytes(); }
+  bool was_written() const override { return under_->was_written(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
-  // Reads a piece that is to be put there: what recent() was told of is not read again. `read`
-  // tells whether it was.
-  Status fetch(std::uint64_t offset, std::span<std::uint8_t> out, bool& read) const;
+  // Reads a piece that is to be put there, as long as it is wanted (read_while()): what recent()
+  // was told of is not read again. `read` tells whether it was.
+  Status fetch(const std::function<bool()>& is_wanted, std::uint64_t offset,
+               std::span<std::uint8_t> out, bool& read) const;
   // Bytes that were read for something else, some 64 kB: the last few are kept.
   void recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);
   // Keeps the last alone: those before are of what the file is no more.

@@ -13,6 +13,9 @@ namespace {
 
 // Share of the budget that may be under way: decoding takes about as much again as it leaves.
 constexpr std::uint64_t kUnderWayShare = 16;
+// Seconds without a piece of another file after which it is taken for the right one again: longer
+// than what is lost is left alone.
+constexpr double kAnother = 30;
 
 }  // namespace
 
@@ -106,10 +109,19 @@ bool SegmentStore::note_loss(const Piece& piece, const Status& status) noexcept 
 void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
                                 std::shared_ptr<const HeldSegment> held, const Status& base,
                                 const Status& harmonics) noexcept {
-  // Damage stays, once it has been noted; what this machine could not do now it may do later.
+  // Damage stays, once it has been noted, but that of another file, which may be put back; what
+  // this machine could not do now it may do later.
   const auto lost = [this](const Piece& piece, const Status& status) {
-    const bool damaged =
+    const bool wrong =
         status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
+    const bool of_another =
+        wrong && !is_followed() && (source_->has_lost_bytes() || source_->was_written());
+    if (of_another) {
+      note_change(true);
+      another_until_ = clock_seconds() + kAnother;
+      drop_harmonics(piece.segment);  // which came with it
+    }
+    const bool damaged = wrong && !of_another;
     const bool for_ever =
         (damaged || status.code() == StatusCode::kNotBuilt) && note_loss(piece, status);
     lose(piece, for_ever, damaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost, status);
@@ -118,6 +130,9 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   if (!base.ok()) return lost({segment, false}, base);
   hold(segment, std::move(held));
   entry.base.patience = 0;
+  // It is right again, if this was not fetched before it was wrong.
+  const bool for_long = clock_seconds() > another_until_;
+  if (is_changed_ && for_long && !source_->has_lost_bytes()) note_change(false);
   entry.with_harmonics = with_harmonics && harmonics.ok();
   if (!harmonics.ok()) return lost({segment, true}, harmonics);
   if (!entry.with_harmonics) return;

@@ -19,6 +19,7 @@ constexpr std::uint64_t kRun = 512 << 10, kGap = 4 << 10;
 constexpr double kBrief = 0.1;  // seconds that a run of pieces of any urgency may take
 // Seconds and bytes asked for at once: what a jump has to wait for.
 constexpr double kStretch = 0.25;
+constexpr double kLongStretch = 2 * kStretch;  // it is ended by a jump
 constexpr double kLeastStretch = 64 << 10, kGreatestStretch = 1 << 20;
 // Seconds for which a piece that the viewer waits for has the link to itself.
 constexpr double kAlone = 1;
@@ -124,6 +125,7 @@ bool SegmentStore::is_decoding() const {
 // Puts the next run into `taken`; false where there is none. What throws leaves there what is
 // to be given back.
 bool SegmentStore::next_run(double now, Runs& taken) {
+  if (!is_placed_) return false;
   const std::optional<Piece> first = next_piece(now);
   if (!first) return false;
   const double urgency = urgency_of(*first);
@@ -239,13 +241,22 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
   bytes.resize(static_cast<std::size_t>(run.bytes));
   for (std::size_t done = 0; done < bytes.size();) {
     const std::size_t part = std::min(stretch_of(run), bytes.size() - done);
+    // To end a stretch before it has come costs its connection.
+    const double begun = clock_seconds();
+    const auto is_wanted = [&] {
+      if (clock_seconds() - begun < kLongStretch) return true;
+      const std::lock_guard lock(mutex_);
+      return !given_up(run);
+    };
     bool read = false;
-    STGS_TRY(source_->fetch(run.offset + done, std::span(bytes).subspan(done, part), read));
+    const Status status =
+        source_->fetch(is_wanted, run.offset + done, std::span(bytes).subspan(done, part), read);
     done += part;
     const std::lock_guard lock(mutex_);
-    if (read) throughput_.arrived(part, clock_seconds());
-    fetched_bytes_ += part;
-    if (done < bytes.size() && given_up(run)) {
+    if (!status.ok() && !given_up(run)) return status;
+    if (status.ok() && read) throughput_.arrived(part, clock_seconds());
+    if (status.ok()) fetched_bytes_ += part;
+    if (!status.ok() || (done < bytes.size() && given_up(run))) {
       bytes.clear();
       return {};
     }
@@ -273,18 +284,18 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
     }
   }
   to_decode_.notify_all();
-  tell_shorter(came, status);
+  if (!status.ok() && !is_followed() && source_->has_lost_bytes()) note_change(true);
   // What a link carried before it failed tells nothing of what it carries after.
   if (!status.ok()) throughput_.forget();
 }
 
-// Of a recording that is followed, who follows it looks.
-void SegmentStore::tell_shorter(bool came, const Status& status) noexcept {
-  const bool followed = settings_.live.follow && reader_->form() == SceneForm::kGrowing;
-  // What lies before the end comes of a file that was cut too.
-  if (followed || (came ? !is_shorter_ : status.ok())) return;
-  const bool shorter = source_->has_lost_bytes();
-  if (std::exchange(is_shorter_, shorter) != shorter) on_shorter_(shorter);
+// By somebody who looks himself whether it is another file.
+bool SegmentStore::is_followed() const {
+  return settings_.live.follow && reader_->form() == SceneForm::kGrowing;
+}
+
+void SegmentStore::note_change(bool changed) noexcept {
+  if (std::exchange(is_changed_, changed) != changed) on_changed_(changed);
 }
 
 }  // namespace stgs::player

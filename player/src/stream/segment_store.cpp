@@ -51,10 +51,10 @@ int decoders_for(TaskRunner* runner) {
 
 SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
                            std::shared_ptr<PieceSource> source, const PlayerSettings& settings,
-                           std::function<void(bool)> on_shorter)
+                           std::function<void(bool)> on_changed)
     : source_(std::move(source)),
       settings_(settings),
-      on_shorter_(std::move(on_shorter)),
+      on_changed_(std::move(on_changed)),
       reader_(std::move(reader)) {
   take_reader(reader_);
   motion_.duration = reader_->metadata().frames;
@@ -176,6 +176,7 @@ void SegmentStore::stop() {
 void SegmentStore::move(const Motion& motion, bool jumped) {
   {
     const std::lock_guard lock(mutex_);
+    is_placed_ = true;
     motion_ = motion;
     jumps_ += jumped ? 1 : 0;
     if (jumped) full_from_ = kForEver;
@@ -381,6 +382,11 @@ void SegmentStore::drop(std::uint32_t segment) {
   entry.with_harmonics = false;
 }
 
+void SegmentStore::drop_harmonics(std::uint32_t segment) noexcept {
+  const Piece piece{segment, true};
+  if (piece_bytes(piece) > 0 && state(piece).at == At::kHere) release(piece, At::kAway);
+}
+
 // A piece that could not be had: tried again, each time after twice as long, or never.
 void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
                         const Status& status) noexcept {
@@ -391,12 +397,7 @@ void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kin
                      ? std::min(2 * own.patience, std::max(kLongest, settings_.retry_seconds))
                      : std::max(settings_.retry_seconds, 1e-3);
   own.retry = for_ever ? kForEver : clock_seconds() + own.patience;
-  // Harmonics are nothing without their base.
-  const Piece harmonics{piece.segment, true};
-  if (!piece.harmonics && for_ever && piece_bytes(harmonics) > 0 &&
-      state(harmonics).at == At::kHere) {
-    release(harmonics, At::kAway);
-  }
+  if (!piece.harmonics && for_ever) drop_harmonics(piece.segment);  // nothing without their base
   add_event(event_of(kind, piece_offset(piece), status.code(), status.message()));
 }
 

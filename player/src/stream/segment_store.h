@@ -28,10 +28,10 @@ namespace stgs::player {
 // are under way.
 class SegmentStore {
  public:
-  // `source` is the one of `reader`. `on_shorter` is told, by a thread of the store, whether a file
-  // that does not grow has lost bytes that it had, when that changes; it does not throw.
+  // `source` is the one of `reader`. `on_changed` is told, by a thread of the store, whether a file
+  // that is not followed is another than it was, when that changes; it does not throw.
   SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<PieceSource> source,
-               const PlayerSettings& settings, std::function<void(bool)> on_shorter);
+               const PlayerSettings& settings, std::function<void(bool)> on_changed);
   ~SegmentStore();
   // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
   void stop();
@@ -50,7 +50,8 @@ class SegmentStore {
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
 
-  // Where the viewer is now. `jumped`: not where he was about to come.
+  // Where the viewer is now; nothing is fetched before it is known. `jumped`: not where he was about
+  // to come.
   void move(const Motion& motion, bool jumped);
   Motion motion() const;
 
@@ -138,6 +139,7 @@ class SegmentStore {
   bool can_drop(std::uint32_t segment) const;
   bool make_room(std::uint64_t bytes, double urgency);
   void drop(std::uint32_t segment);
+  void drop_harmonics(std::uint32_t segment) noexcept;
   void add_event(PlayerEvent event) noexcept;
   void lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
             const Status& status) noexcept;
@@ -165,7 +167,8 @@ class SegmentStore {
   Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
   void put(const Run& run, std::span<const std::uint8_t> bytes);
   void settle(const Run& run, bool came, const Status& status) noexcept;
-  void tell_shorter(bool came, const Status& status) noexcept;
+  bool is_followed() const;
+  void note_change(bool changed) noexcept;
   void give_back(const Run& run) noexcept;
 
   // segment_decoding.cpp
@@ -182,7 +185,7 @@ class SegmentStore {
 
   const std::shared_ptr<PieceSource> source_;
   const PlayerSettings settings_;
-  const std::function<void(bool)> on_shorter_;
+  const std::function<void(bool)> on_changed_;
   int decoders_ = 1;  // segments that are decoded at once, at most
 
   mutable std::mutex mutex_;  // of all that follows
@@ -193,8 +196,10 @@ class SegmentStore {
   std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
-  bool is_shorter_ = false;  // as on_shorter_ was told
+  bool is_changed_ = false;   // as on_changed_ was told
+  double another_until_ = 0;  // what comes until then may be of another file
   std::uint64_t jumps_ = 0;
+  bool is_placed_ = false;  // motion_ is the viewer's
   Motion motion_;
   std::vector<Entry> entries_;  // by segment
   UnderWay under_way_;

@@ -152,7 +152,15 @@ bool enables_timeline_semaphores(const VulkanDevice& lent) {
 
 Status vk_status(VkResult result, const char* what) {
   if (result == VK_SUCCESS) return {};
-  return runtime_error("Vulkan failed while {}: VkResult {}", what, static_cast<int>(result));
+  std::string message =
+      fmt::format("Vulkan failed while {}: VkResult {}", what, static_cast<int>(result));
+  if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY) {
+    return {StatusCode::kNoMemory, std::move(message)};
+  }
+  if (result == VK_ERROR_DEVICE_LOST) {
+    return {StatusCode::kDeviceLost, message + ": the GPU has failed; make another renderer"};
+  }
+  return {StatusCode::kRuntime, std::move(message)};
 }
 
 Device::~Device() {
@@ -331,7 +339,8 @@ Status Device::allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags
     if (vk.vkAllocateMemory(context_.device, &info, nullptr, memory) == VK_SUCCESS) return {};
     *memory = VK_NULL_HANDLE;
   }
-  return runtime_error("no {} MiB of GPU memory left", (needs.size >> 20) + 1);
+  return {StatusCode::kNoMemory,
+          fmt::format("no {} MiB of GPU memory left", (needs.size >> 20) + 1)};
 }
 
 Status Device::begin(VkCommandBuffer* commands) {

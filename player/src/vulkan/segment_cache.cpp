@@ -143,8 +143,11 @@ Status SegmentCache::copy_now() {
   STGS_TRY(device_->begin(&commands));
   barrier(*device_, commands);  // what frames on their way read of the blocks
   record_copies(commands);
+  std::vector<Buffer> copied;
+  copied.reserve(copies_.size());
   STGS_TRY(device_->finish(commands));
-  take_back(take_copied());
+  take_copied(copied);
+  take_back(std::move(copied));
   return {};
 }
 
@@ -157,12 +160,10 @@ void SegmentCache::record_copies(VkCommandBuffer commands) const {
   if (!copies_.empty()) barrier(*device_, commands);
 }
 
-std::vector<Buffer> SegmentCache::take_copied() {
-  std::vector<Buffer> buffers;
-  for (Copy& copy : copies_) buffers.push_back(std::move(copy.from));
+void SegmentCache::take_copied(std::vector<Buffer>& to) {
+  for (Copy& copy : copies_) to.push_back(std::move(copy.from));
   copies_.clear();
   waiting_ = 0;
-  return buffers;
 }
 
 void SegmentCache::take_back(std::vector<Buffer> buffers) {

@@ -36,9 +36,10 @@ class SegmentCache final : public DeviceSegments {
   const SegmentMemory& memory() const { return memory_; }
   // The copies that wait, at the beginning of a frame's commands and after those of all before.
   void record_copies(VkCommandBuffer commands) const;
-  // Once those commands are submitted: buffers that must last until they have ended, then
-  // take_back() has use for them.
-  std::vector<Buffer> take_copied();
+  std::size_t copies() const { return copies_.size(); }
+  // Once those commands are submitted: adds copies() buffers that must last until they have ended,
+  // then take_back() has use for them. Does not throw where `to` has room for them.
+  void take_copied(std::vector<Buffer>& to);
   void take_back(std::vector<Buffer> buffers);
 
  private:

@@ -74,7 +74,8 @@ class ComputeRenderer final : public VulkanRenderer {
       STGS_TRY(draw_whole(timeline, seconds, views, slot));
       if (stats != nullptr) *stats = slot.stats;
     } catch (const std::exception& e) {
-      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
+      return Status(code_of(e),
+                    fmt::format("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what()));
     }
     drawn_views_ = views.size();
     return {};
@@ -85,7 +86,7 @@ class ComputeRenderer final : public VulkanRenderer {
       frames.resize(drawn_views_);
       for (std::size_t i = 0; i < drawn_views_; ++i) STGS_TRY(read_one(pictures_[i], frames[i]));
     } catch (const std::exception& e) {
-      return runtime_error("no memory for a picture: {}", e.what());
+      return Status(code_of(e), fmt::format("no memory for a picture: {}", e.what()));
     }
     return {};
   }
@@ -109,7 +110,8 @@ class ComputeRenderer final : public VulkanRenderer {
       STGS_TRY(start(slot, to.wait, to.signal));
       slot.number = ++number_;
     } catch (const std::exception& e) {
-      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
+      return Status(code_of(e),
+                    fmt::format("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what()));
     }
     return number_;
   }
@@ -297,8 +299,10 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Status start(FrameSlot& slot, std::span<const VulkanSemaphore> wait,
                std::span<const VulkanSemaphore> signal) {
+    // Before, for what is submitted is not to fail any more.
+    slot.copied.reserve(segments_.copies());
     STGS_TRY(slot.submit(wait, signal));
-    slot.copied = segments_.take_copied();
+    segments_.take_copied(slot.copied);
     return {};
   }
 

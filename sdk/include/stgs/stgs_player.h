@@ -43,10 +43,10 @@ typedef struct stgs_player_settings {
   double retry_seconds;    /* until what could not be read is tried again; after each failure twice
                             * as long, as far as 10; default 1 */
   uint32_t fetches;        /* reads at once, 1 to 64; default 4 */
-  uint32_t url_tries;      /* of a URL: in a row without a byte, then a read fails; default 5 */
+  uint32_t url_tries;      /* of a URL: in a row that bring nothing, then a read fails; default 5 */
   double url_connect_seconds; /* of a URL: to a connection, then a try fails; default 10 */
-  double url_stall_seconds;   /* of a URL: without a byte, then a try fails; less than 0.1 counts
-                               * as that; default 10 */
+  double url_stall_seconds;   /* of a URL: without a byte, or at less than 100 a second, then a try
+                               * fails; less than 0.1 counts as that; default 10 */
   stgs_log_fn log;            /* NULL (default): silent */
   void* log_user;
   /* For decoding; copied. Reads stay on threads of the player's, since they wait. NULL (default):

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -27,11 +28,23 @@ class ByteSource {
     (void)kept;
     return Change::kNone;
   }
+  // The caller knows that nothing is added to the file: whatever changes makes it another. Before
+  // it is read by several threads.
+  virtual void set_finished() {}
   // Whether bytes that were there when it was opened, or looked at last, have gone; answers at
   // once. False where that is not known. Thread-safe.
   virtual bool has_lost_bytes() const { return false; }
+  // The same of whether a finished file was written to since it was opened.
+  virtual bool was_written() const { return false; }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
+  // The same, but a source that waits for others gives it up (kRuntime) within half a second of
+  // `is_wanted` answering false, which it asks now and then, on this thread.
+  virtual Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+                            std::span<std::uint8_t> out) const {
+    (void)is_wanted;
+    return read(offset, out);
+  }
   // What messages call it: a path, or "memory".
   virtual const std::string& name() const = 0;
 };

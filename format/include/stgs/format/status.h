@@ -25,6 +25,7 @@ enum class StatusCode : int {
   kDiffers = 7,      // a comparison found a difference
   kNoMemory = 8,     // not enough memory; the command line's exit code is kRuntime's
   kLimit = 9,        // more than the caller allows; the command line's is kUnsupported's
+  kDeviceLost = 10,  // the GPU has failed: what uses it is to be made anew; kRuntime's
 };
 
 // Of what was thrown.

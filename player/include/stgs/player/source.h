@@ -29,9 +29,10 @@ struct TransferEvent {
 struct HttpSettings {
   int connections = 4;          // at once at most, kept alive; reads beyond wait for one
   double connect_seconds = 10;  // to a connection, else the try has failed
-  // Without a byte, else the try has failed; less than 0.1 counts as that.
+  // Without a byte, or with less than 100 a second of them, after which the try has failed; less
+  // than 0.1 counts as that.
   double stall_seconds = 10;
-  int tries = 5;  // in a row without a byte, then the read fails
+  int tries = 5;  // in a row without that many, then the read fails
   double back_off_seconds =
       0.2;  // before the second try; twice as long before each next, up to 5 s
   std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
@@ -49,9 +50,9 @@ struct TransferStatistics {
 // A file behind a server that answers byte ranges (RFC 9110, 14). What has come of a range when a
 // try fails is kept, and the next try asks for the rest. Reads tell (kIo) where the file has become
 // smaller than it was, or than what refresh() was told to stay, or another of the same size (by its
-// ETag, else its time); one that has grown is taken for the same, longer, and refresh() looks
-// whether its beginning is. Where the server gives an ETag, refresh() of what has not changed is
-// one answer without a body (RFC 9110, 13.1.2).
+// ETag, else its time); one that has grown, if it is not finished, is taken for the same, longer,
+// and refresh() looks whether its beginning is. Where the server gives an ETag, refresh() of what
+// has not changed is one answer without a body (RFC 9110, 13.1.2).
 class HttpSource : public ByteSource {
  public:
   virtual TransferStatistics statistics() const = 0;
