@@ -50,8 +50,8 @@ class SegmentStore {
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
 
-  // Where the viewer is now; nothing is fetched before it is known. `jumped`: not where he was about
-  // to come.
+  // Where the viewer is now; nothing is fetched before it is known. `jumped`: not where he was
+  // about to come.
   void move(const Motion& motion, bool jumped);
   Motion motion() const;
 

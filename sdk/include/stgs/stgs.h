@@ -51,13 +51,13 @@ enum {
   STGS_ERROR_STATE = 12,       /* not now: no scene is open, or one is already */
   STGS_ERROR_IO = 20,          /* a file or source could not be read, or a file not be written */
   STGS_ERROR_INVALID_FILE = 30,
-  STGS_ERROR_RUNTIME = 40, /* anything else that went wrong while working */
+  STGS_ERROR_RUNTIME = 40,       /* anything else that went wrong while working */
   STGS_ERROR_OUT_OF_MEMORY = 41, /* the machine's or the GPU's */
-  STGS_ERROR_LIMIT = 42,       /* one of stgs_scene_settings does not allow it */
-  STGS_ERROR_CANCELLED = 43,   /* the caller stopped it */
-  STGS_ERROR_DEVICE_LOST = 44, /* the GPU has failed: destroy the renderer and make another */
-  STGS_ERROR_UNSUPPORTED = 50, /* well-formed, but not possible here: no device, a later format */
-  STGS_ERROR_NOT_BUILT = 60    /* a part that this build leaves out */
+  STGS_ERROR_LIMIT = 42,         /* one of stgs_scene_settings does not allow it */
+  STGS_ERROR_CANCELLED = 43,     /* the caller stopped it */
+  STGS_ERROR_DEVICE_LOST = 44,   /* the GPU has failed: destroy the renderer and make another */
+  STGS_ERROR_UNSUPPORTED = 50,   /* well-formed, but not possible here: no device, a later format */
+  STGS_ERROR_NOT_BUILT = 60      /* a part that this build leaves out */
 };
 
 /* "STGS_ERROR_IO" and so on; "unknown result" for others. A constant: never NULL, never freed. */
