@@ -54,12 +54,15 @@ class FileSource final : public ByteSource {
     return ::fstat(fd_, &info) == 0 && bytes_of(info) < size();
   }
 
-  void set_finished() override { finished_ = true; }
+  void set_finished() override {
+    struct stat info {};
+    if (::fstat(fd_, &info) == 0) finished_at_ = written_at(info);
+  }
   bool was_written() const override {
     struct stat info {};
-    return finished_ && ::fstat(fd_, &info) == 0 &&
-           (bytes_of(info) != size() || info.st_mtim.tv_sec != inode_.st_mtim.tv_sec ||
-            info.st_mtim.tv_nsec != inode_.st_mtim.tv_nsec);
+    const std::int64_t before = finished_at_;
+    return before != 0 && ::fstat(fd_, &info) == 0 &&
+           (bytes_of(info) != size() || written_at(info) != before);
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
@@ -80,6 +83,9 @@ class FileSource final : public ByteSource {
   }
 
  private:
+  static std::int64_t written_at(const struct stat& info) {  // nanoseconds
+    return std::int64_t{info.st_mtim.tv_sec} * 1'000'000'000 + info.st_mtim.tv_nsec;
+  }
   static std::uint64_t bytes_of(const struct stat& info) {
     return static_cast<std::uint64_t>(info.st_size);
   }
@@ -87,7 +93,7 @@ class FileSource final : public ByteSource {
   const int fd_;
   const struct stat inode_;  // when it was opened
   std::atomic<std::uint64_t> size_;
-  std::atomic<bool> finished_ = false;
+  std::atomic<std::int64_t> finished_at_ = 0;  // when it had been written to last; 0: it is not
   const std::string name_;
 };
 

@@ -12,10 +12,11 @@ class FaultyServer:
     """Serves `data` at any path. `faults`: for each request in turn a dict, or what gives one for the
     server, then none.
 
-    status: answer with this and no file (retry_after: with that header); cut: bytes of the body
-    after which the connection is reset; stall: the same, and silence; delay: seconds before the
-    answer; drip: a byte each so many seconds; whole: ignore the range; shift: answer another range; encode: say that it is gzip;
-    long: bytes too many; anonymous: no ETag and no time; redirect: another place; no_total.
+    status: answer with this and no file (retry_after: with that header; slowly: five bytes so many
+    seconds apart); cut: bytes of the body after which the connection is reset; stall: the same, and
+    silence; delay: seconds before the answer; drip: a byte each so many seconds; whole: ignore the
+    range; shift: answer another range; encode: say that it is gzip; long: bytes too many;
+    anonymous: no ETag and no time; redirect: another place; no_total.
     """
 
     def __init__(self, data, faults=()):
@@ -68,18 +69,21 @@ class FaultyServer:
             self.plain(request, 302, {"Location": fault["redirect"]})
         elif "status" in fault:
             after = {"Retry-After": fault["retry_after"]} if "retry_after" in fault else {}
-            self.plain(request, fault["status"], after)
+            self.plain(request, fault["status"], after, fault.get("slowly", 0))
         else:
             self.file(request, fault, data, etag)
 
     @staticmethod
-    def plain(request, status, headers):
+    def plain(request, status, headers, between=0):
         request.send_response(status)
         for name, value in headers.items():
             request.send_header(name, str(value))
         request.send_header("Content-Length", "5")
         request.end_headers()
-        request.wfile.write(b"sorry")
+        for k in range(5):
+            request.wfile.write(b"sorry"[k:k + 1])
+            request.wfile.flush()
+            time.sleep(between)
 
     @staticmethod
     def file(request, fault, data, etag):

@@ -90,6 +90,19 @@ class Ranges(unittest.TestCase):
             self.assertIn("next to nothing came for 1 s", out["events"][0]["message"])
             self.assertGreater(int(server.ranges[2].split("=")[1].split("-")[0]), 1000)
 
+    def test_a_page_that_tells_of_an_error_may_take_long(self):
+        with FaultyServer(DATA, [{}, {"status": 404, "slowly": 0.6}]) as server:
+            out = probe(server.url, "1000:10")
+            self.fails(out, 0, 2, "answers 404: there is no such file")
+            self.assertEqual(len(server.ranges), 2)
+
+    def test_a_link_that_is_cut_soon_but_brings_something_goes_on(self):
+        """However long silence may be: what ends otherwise is not too slow."""
+        with FaultyServer(DATA, [{}] + [{"cut": 5000}] * 7) as server:
+            settings = QUICK.replace("stall_seconds=1", "stall_seconds=100") + ",tries=3"
+            out = probe(server.url, "1000:40000", settings=settings)
+            self.reads(out, 0, 1000, 40000)
+
     def test_errors_of_the_moment_are_waited_out(self):
         faults = [{}, {"status": 503}, {"status": 500}, {"status": 429, "retry_after": 1}]
         with FaultyServer(DATA, faults) as server:

@@ -28,9 +28,10 @@ Image red_of(const Gaussians4D& set, const ImportanceView& view) {
   return output.colour;
 }
 
-// Fails where it would weigh.
-class FailingBackend final : public TrainBackend {
+// Does where it would weigh what it is told to.
+class OddBackend final : public TrainBackend {
  public:
+  explicit OddBackend(std::function<Status()> weighs) : weighs_(std::move(weighs)) {}
   Status join(Ranks&) override { return {}; }
   Status check_perceptual() const override { return {}; }
   Status reserve(const TrainPlan&) override { return {}; }
@@ -43,9 +44,12 @@ class FailingBackend final : public TrainBackend {
   std::size_t abandon() override { return 0; }
   Result<std::optional<std::vector<float>>> importance(
       std::span<const ImportanceView>, const std::function<bool(double)>&) override {
-    return runtime_error("the GPU is gone");
+    return weighs_();
   }
-  std::string name() const override { return "failing"; }
+  std::string name() const override { return "odd"; }
+
+ private:
+  const std::function<Status()> weighs_;
 };
 
 }  // namespace
@@ -59,22 +63,28 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
     told.push_back(message);
   };
   const auto always = [](double) { return true; };
-  FailingBackend failing;
-  CHECK(weigh_primitives(failing, state, views, always, log) ==
+  OddBackend failing([] { return runtime_error("the GPU is gone"); });
+  OddBackend throwing([]() -> Status { throw std::length_error("too many tiles"); });
+  const auto cpu = make_cpu_backend();
+  CHECK(weigh_primitives(failing, *cpu, state, views, always, log) ==
         view_importance(state.set, views, always));
   CHECK(told == std::vector<std::string>{"the primitives are weighed on the CPU: the GPU is gone"});
 
-  CHECK_FALSE(weigh_primitives(
-      failing, state, views, [](double) { return false; }, log));
-
   told.clear();
-  const auto throws = [](double) -> bool { throw std::length_error("too many tiles"); };
-  const auto none = weigh_primitives(failing, state, views, throws, log);
+  const auto none = weigh_primitives(failing, throwing, state, views, always, log);
   REQUIRE(none.has_value());
   CHECK(none->empty());
   REQUIRE(told.size() == 2);
   CHECK(told[1] ==
         "the primitives are not weighed, so that pack goes by their sizes: too many tiles");
+
+  told.clear();
+  CHECK_FALSE(weigh_primitives(
+      *cpu, *cpu, state, views, [](double) { return false; }, log));
+  const auto throws = [](double) -> bool { throw std::runtime_error("the window is closed"); };
+  CHECK_THROWS_WITH(weigh_primitives(*cpu, *cpu, state, views, throws, log),
+                    "the window is closed");
+  CHECK(told.empty());
 }
 
 TEST_CASE("importance is what a change of colour does to the pictures") {

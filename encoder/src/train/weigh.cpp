@@ -8,12 +8,15 @@
 namespace stgs::encoder {
 namespace {
 
+using GoOn = std::function<bool(double)>;
 using Weighed = Result<std::optional<std::vector<float>>>;
 
 // A view whose tiles cannot be listed, and what finds no memory, are thrown by the CPU's.
-Weighed caught(const std::function<Weighed()>& weigh) {
+Weighed weigh(TrainBackend& backend, TrainState& state, std::span<const ImportanceView> views,
+              const GoOn& go_on) {
   try {
-    return weigh();
+    STGS_TRY(backend.begin(state));  // without what was left out as broken
+    return backend.importance(views, go_on);
   } catch (const std::exception& error) {
     return Status(code_of(error), error.what());
   }
@@ -21,19 +24,25 @@ Weighed caught(const std::function<Weighed()>& weigh) {
 
 }  // namespace
 
-std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainState& state,
+std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainBackend& spare,
+                                                   TrainState& state,
                                                    std::span<const ImportanceView> views,
-                                                   const std::function<bool(double)>& go_on,
-                                                   const LogSink& log) {
-  Weighed weighed = caught([&]() -> Weighed {
-    // Without what was left out as broken.
-    STGS_TRY(backend.begin(state));
-    return backend.importance(views, go_on);
-  });
+                                                   const GoOn& go_on, const LogSink& log) {
+  std::exception_ptr thrown;
+  const GoOn asked = [&](double done) {
+    try {
+      return go_on(done);
+    } catch (...) {
+      thrown = std::current_exception();
+      return false;
+    }
+  };
+  Weighed weighed = weigh(backend, state, views, asked);
   if (!weighed.ok()) {
     log(1, fmt::format("the primitives are weighed on the CPU: {}", weighed.status().message()));
-    weighed = caught([&]() -> Weighed { return view_importance(state.set, views, go_on); });
+    weighed = weigh(spare, state, views, asked);
   }
+  if (thrown) std::rethrow_exception(thrown);
   if (weighed.ok()) return *std::move(weighed);
   log(1, fmt::format("the primitives are not weighed, so that pack goes by their sizes: {}",
                      weighed.status().message()));

@@ -19,10 +19,19 @@ inline Status cuda_status(cudaError_t error, const char* what) {
     case cudaErrorMemoryAllocation:
       return {StatusCode::kNoMemory, std::move(message)};
     // After these the process's context answers nothing else.
+    case cudaErrorAssert:
     case cudaErrorECCUncorrectable:
+    case cudaErrorHardwareStackError:
     case cudaErrorIllegalAddress:
+    case cudaErrorIllegalInstruction:
+    case cudaErrorInvalidAddressSpace:
+    case cudaErrorInvalidPc:
     case cudaErrorLaunchFailure:
-      return {StatusCode::kDeviceLost, message + ": the GPU has failed; make another renderer"};
+    case cudaErrorLaunchTimeout:
+    case cudaErrorMisalignedAddress:
+    case cudaErrorNvlinkUncorrectable:
+      return {StatusCode::kDeviceLost,
+              message + ": the GPU has failed, and this process can use it no more"};
     default:
       return {StatusCode::kRuntime, std::move(message)};
   }
@@ -49,6 +58,7 @@ class GrowingBuffer {
     if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
       (void)cudaGetLastError();  // told here, and remembered no longer
       data_ = nullptr;
+      if (error != cudaErrorMemoryAllocation) return cuda_status(error, "taking memory");
       return {StatusCode::kNoMemory,
               fmt::format("no {} MiB of GPU memory left", (wanted >> 20) + 1)};
     }

@@ -150,8 +150,11 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
 Status SegmentCache::allocate(std::uint32_t primitives, std::uint8_t*& fresh) {
   const std::size_t bytes = std::max<std::size_t>(bytes_of(primitives), 1);
   void* memory = nullptr;
-  if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) != cudaSuccess) {
+  const cudaError_t error = cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get());
+  if (error != cudaSuccess) {
     (void)cudaGetLastError();  // told here, and remembered no longer
+    // An earlier one, which shows here.
+    if (error != cudaErrorMemoryAllocation) return cuda_status(error, "taking memory");
     return {StatusCode::kNoMemory,
             fmt::format("no {} MiB of GPU memory left for segments", (bytes >> 20) + 1)};
   }

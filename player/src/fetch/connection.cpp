@@ -175,6 +175,8 @@ struct Connection::Reply {
 
   // False ends the try.
   bool body(const char* bytes, std::size_t count) {
+    unheard += count;
+    if (unheard >= least) hear();
     if (status() != 206 && status() != 200) return true;  // a page that tells of an error
     if (received == 0 && !accepts()) return false;
     if (count > out.size() - received) {
@@ -183,8 +185,6 @@ struct Connection::Reply {
     }
     std::memcpy(out.data() + received, bytes, count);
     received += count;
-    unheard += count;
-    if (unheard >= least) hear();
     return true;
   }
 
@@ -298,7 +298,8 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
 
   Attempt attempt;
   attempt.received = reply.received;
-  attempt.unheard = reply.unheard;
+  const bool was_silent = result == CURLE_OPERATION_TIMEDOUT;
+  attempt.progressed = reply.received > (was_silent ? reply.unheard : 0);
   attempt.total = reply.range.total.value_or(0);
   attempt.validator = reply.etag.empty() ? reply.modified : reply.etag;
   curl_off_t after = 0;
@@ -313,7 +314,7 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
   } else if (!reply.refused.empty()) {
     attempt.reason = reply.refused;
     attempt.code = reply.code;
-  } else if (result != CURLE_OK) {
+  } else if (result != CURLE_OK && status < 400) {
     attempt.reason = reply.error[0] != 0 ? reply.error : curl_easy_strerror(result);
     if (!is_hopeless(result)) attempt.outcome = Attempt::Outcome::kAgain;
   } else if (status == 304 && headers != nullptr) {

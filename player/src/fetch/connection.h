@@ -29,7 +29,7 @@ struct Attempt {
   std::string reason;
   bool unchanged = false;    // of kDone: nothing was sent, the validator is the known one
   std::size_t received = 0;  // bytes of the range, from its first
-  std::size_t unheard = 0;   // of these, the last that came too slowly to count
+  bool progressed = false;   // they came, and not too slowly to count
   std::uint64_t total = 0;   // the file's size by Content-Range; 0: not told
   std::string validator;     // ETag, else Last-Modified, else empty
   double retry_after = 0;    // seconds that the server asks for

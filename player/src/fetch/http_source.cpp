@@ -50,6 +50,7 @@ class Http final : public HttpSource {
   std::uint64_t size() const override { return known().size; }
   void set_finished() override {
     const std::lock_guard lock(mutex_);
+    known_.kept = known_.size;
     known_.is_finished = true;
   }
   const std::string& name() const override { return name_; }
@@ -202,7 +203,7 @@ class Http final : public HttpSource {
       } else if (attempt.outcome == Attempt::Outcome::kHopeless) {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
-        failures = attempt.received > attempt.unheard ? 1 : failures + 1;
+        failures = attempt.progressed ? 1 : failures + 1;
         if (failures < settings_.tries) {
           STGS_TRY(wait(offset + done, failures, attempt, is_wanted));
           continue;
@@ -234,12 +235,12 @@ class Http final : public HttpSource {
     tell(TransferEvent::Kind::kRetry, offset, seconds, attempt.reason);
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
     std::mutex none;
-    std::unique_lock wait(none);
+    std::unique_lock pause(none);
     std::condition_variable_any never;
     while (std::chrono::steady_clock::now() < end) {
       if (settings_.stop.stop_requested() || (is_wanted && !is_wanted())) return stopped();
       const auto look = std::chrono::steady_clock::now() + kLook;
-      never.wait_until(wait, settings_.stop, std::min<decltype(end)>(end, look),
+      never.wait_until(pause, settings_.stop, std::min<decltype(end)>(end, look),
                        [] { return false; });
     }
     return settings_.stop.stop_requested() ? stopped() : Status();

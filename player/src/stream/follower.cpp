@@ -106,6 +106,7 @@ bool Follower::take_snapshot() {
   if ((*opened)->file_bytes() <= reader_->file_bytes()) return false;
   store_.grow(*opened);
   reader_ = *opened;
+  if (reader_->form() != SceneForm::kGrowing) source_->set_finished();
   return true;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decoding what has been fetched.
+#include <algorithm>
 #include <exception>
 #include <utility>
 
@@ -13,8 +14,8 @@ namespace {
 
 // Share of the budget that may be under way: decoding takes about as much again as it leaves.
 constexpr std::uint64_t kUnderWayShare = 16;
-// Seconds without a piece of another file after which it is taken for the right one again: longer
-// than what is lost is left alone.
+// Seconds at least without a piece of another file after which it is taken for the right one again:
+// longer than what is lost is left alone.
 constexpr double kAnother = 30;
 
 }  // namespace
@@ -118,7 +119,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
         wrong && !is_followed() && (source_->has_lost_bytes() || source_->was_written());
     if (of_another) {
       note_change(true);
-      another_until_ = clock_seconds() + kAnother;
+      another_until_ = clock_seconds() + std::max(kAnother, 3 * settings_.retry_seconds);
       drop_harmonics(piece.segment);  // which came with it
     }
     const bool damaged = wrong && !of_another;
@@ -130,11 +131,13 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   if (!base.ok()) return lost({segment, false}, base);
   hold(segment, std::move(held));
   entry.base.patience = 0;
-  // It is right again, if this was not fetched before it was wrong.
-  const bool for_long = clock_seconds() > another_until_;
-  if (is_changed_ && for_long && !source_->has_lost_bytes()) note_change(false);
   entry.with_harmonics = with_harmonics && harmonics.ok();
   if (!harmonics.ok()) return lost({segment, true}, harmonics);
+  // It is right again, if this was not fetched before it was wrong: what it is now is to stay.
+  if (is_changed_ && clock_seconds() > another_until_ && !source_->has_lost_bytes()) {
+    source_->set_finished();
+    note_change(false);
+  }
   if (!entry.with_harmonics) return;
   // All of it is decoded: its bytes are not needed any more.
   for (const bool which : {false, true}) {

@@ -236,6 +236,17 @@ bool SegmentStore::given_up(const Run& run) const {
           urgency_of(run.pieces[0].piece) > settings_.layer_patience_seconds);
 }
 
+// Whether nothing of a run that is at or behind a place in the file is needed soon where the viewer
+// has jumped to.
+bool SegmentStore::is_needless(const Run& run, std::uint64_t from) const {
+  if (stopping_ || run.generation != generation_) return true;
+  const auto needless = [&](const PlacedPiece& own) {
+    return own.offset + own.bytes <= from ||
+           need_for(own.piece).from > settings_.layer_patience_seconds;
+  };
+  return run.jumps != jumps_ && std::all_of(run.pieces.begin(), run.pieces.end(), needless);
+}
+
 // The bytes of a run; none where it is given up.
 Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
   bytes.resize(static_cast<std::size_t>(run.bytes));
@@ -243,19 +254,21 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
     const std::size_t part = std::min(stretch_of(run), bytes.size() - done);
     // To end a stretch before it has come costs its connection.
     const double begun = clock_seconds();
+    bool ended = false;
     const auto is_wanted = [&] {
       if (clock_seconds() - begun < kLongStretch) return true;
       const std::lock_guard lock(mutex_);
-      return !given_up(run);
+      return !(ended = is_needless(run, run.offset + done));
     };
     bool read = false;
     const Status status =
         source_->fetch(is_wanted, run.offset + done, std::span(bytes).subspan(done, part), read);
     done += part;
+    if (!status.ok() && !ended) return status;
     const std::lock_guard lock(mutex_);
-    if (!status.ok() && !given_up(run)) return status;
     if (status.ok() && read) throughput_.arrived(part, clock_seconds());
     if (status.ok()) fetched_bytes_ += part;
+    if (!status.ok()) throughput_.forget();  // it may have stood still
     if (!status.ok() || (done < bytes.size() && given_up(run))) {
       bytes.clear();
       return {};

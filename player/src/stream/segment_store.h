@@ -164,6 +164,7 @@ class SegmentStore {
   void extend(Run& run, double urgency, double now);
   std::size_t stretch_of(const Run& run) const;
   bool given_up(const Run& run) const;
+  bool is_needless(const Run& run, std::uint64_t from) const;
   Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
   void put(const Run& run, std::span<const std::uint8_t> bytes);
   void settle(const Run& run, bool came, const Status& status) noexcept;
@@ -197,7 +198,7 @@ class SegmentStore {
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
   bool is_changed_ = false;   // as on_changed_ was told
-  double another_until_ = 0;  // what comes until then may be of another file
+  double another_until_ = 0;  // what comes until then may be of another file, clock seconds
   std::uint64_t jumps_ = 0;
   bool is_placed_ = false;  // motion_ is the viewer's
   Motion motion_;

@@ -55,7 +55,7 @@ enum {
   STGS_ERROR_OUT_OF_MEMORY = 41, /* the machine's or the GPU's */
   STGS_ERROR_LIMIT = 42,         /* one of stgs_scene_settings does not allow it */
   STGS_ERROR_CANCELLED = 43,     /* the caller stopped it */
-  STGS_ERROR_DEVICE_LOST = 44,   /* the GPU has failed: destroy the renderer and make another */
+  STGS_ERROR_DEVICE_LOST = 44,   /* the GPU has failed: see docs/formats-and-errors.md */
   STGS_ERROR_UNSUPPORTED = 50,   /* well-formed, but not possible here: no device, a later format */
   STGS_ERROR_NOT_BUILT = 60      /* a part that this build leaves out */
 };

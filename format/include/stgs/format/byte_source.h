@@ -28,13 +28,13 @@ class ByteSource {
     (void)kept;
     return Change::kNone;
   }
-  // The caller knows that nothing is added to the file: whatever changes makes it another. Before
-  // it is read by several threads.
+  // The caller knows that nothing is added to the file as it is now: whatever changes makes it
+  // another. Thread-safe.
   virtual void set_finished() {}
   // Whether bytes that were there when it was opened, or looked at last, have gone; answers at
   // once. False where that is not known. Thread-safe.
   virtual bool has_lost_bytes() const { return false; }
-  // The same of whether a finished file was written to since it was opened.
+  // The same of whether a finished file was written to since set_finished().
   virtual bool was_written() const { return false; }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;

@@ -32,7 +32,7 @@ struct HttpSettings {
   // Without a byte, or with less than 100 a second of them, after which the try has failed; less
   // than 0.1 counts as that.
   double stall_seconds = 10;
-  int tries = 5;  // in a row without that many, then the read fails
+  int tries = 5;  // in a row that bring nothing, or too slowly; then the read fails
   double back_off_seconds =
       0.2;  // before the second try; twice as long before each next, up to 5 s
   std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
