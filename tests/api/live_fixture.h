@@ -35,7 +35,7 @@ struct Recording {
   std::size_t closed() const { return bytes.size(); }
 };
 
-inline Recording record(unsigned first) {
+inline Recording record(unsigned first, std::size_t primitives = 200) {
   const testing::TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, testing::recording_metadata(), 1,
@@ -44,7 +44,7 @@ inline Recording record(unsigned first) {
   Recording out;
   out.ends.push_back((*recorder)->bytes());
   for (std::uint32_t i = 0; i < kStretches; ++i) {
-    const Gaussians4D stretch = testing::stretch(first + i, 200);
+    const Gaussians4D stretch = testing::stretch(first + i, primitives);
     REQUIRE((*recorder)->append(stretch, (i + 1) * testing::kStretchFrames).ok());
     out.ends.push_back((*recorder)->bytes());
   }

@@ -29,6 +29,37 @@ TEST_CASE("a file that becomes shorter is told, and followed again where it is w
   REQUIRE(viewer.until([&] { return viewer.count(Kind::kReplaced) == 2; }));
 }
 
+TEST_CASE("a recording that has ended is a file like others: when it is overwritten that is told") {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  const Recording large = record(0, 2000);  // so that its beginning is not in what was read last
+  const Bytes& bytes = large.bytes;
+  const auto write = [&](const Bytes& content, std::size_t size) {
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+    if (!file) file.open(path, std::ios::out | std::ios::binary);
+    file.write(reinterpret_cast<const char*>(content.data()), static_cast<std::streamsize>(size));
+  };
+  write(bytes, large.ends[16]);
+  PlayerSettings settings = quick();
+  settings.ahead_seconds = 0.1;
+  Viewer viewer(path, settings);
+  write(bytes, bytes.size());
+  REQUIRE(viewer.until([&] { return viewer.count(Kind::kFinished) == 1; }));
+  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  // Only what it begins with, which is not read again, stays.
+  Bytes other(bytes.size(), 'x');
+  std::copy_n(bytes.begin(), large.ends[0], other.begin());
+  write(other, other.size());
+  REQUIRE(viewer.player->seek(1.0).ok());
+  REQUIRE(viewer.until([&] { return viewer.count(Kind::kReplaced) == 1; }));
+  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  CHECK(viewer.count(Kind::kDamaged) == 0);
+  write(bytes, bytes.size());
+  REQUIRE(viewer.until([&] { return viewer.player->layers() == viewer.player->layers_of_file(); }));
+  CHECK(alive(viewer.player->timeline(), 1.0) == alive_in(large, 1.0));
+  CHECK(viewer.count(Kind::kReplaced) == 1);
+}
+
 TEST_CASE("another recording that its source takes for the same is followed as what it is") {
   Viewer viewer(8);
   viewer.play();
