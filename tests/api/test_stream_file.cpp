@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "stream/transfer_events.h"
 #include "stream_fixture.h"
 #include "temporary_folder.h"
 
@@ -91,6 +92,20 @@ TEST_CASE("a file that is overwritten by another, of any size, is told once, and
     CHECK(p.count(Kind::kReplaced) == 1);
     CHECK(p.count(Kind::kDamaged) == 0);
   }
+}
+
+TEST_CASE("that a file is another is told once as long as it is, and again when it is again") {
+  TransferEvents events;
+  const auto told = [&] { return events.take().size(); };
+  events.set_replaced(true, "another", 5, 100);
+  CHECK(told() == 1);
+  for (const double now : {110.0, 169.0, 228.0}) events.set_replaced(true, "another", 5, now);
+  CHECK(told() == 0);
+  events.set_replaced(true, "another", 5, 289);  // put back meanwhile, for all that is known
+  CHECK(told() == 1);
+  events.set_replaced(false, "", 0, 290);
+  events.set_replaced(true, "another", 5, 291);
+  CHECK(told() == 1);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 // What transfers met with, until it is asked for.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <mutex>
 #include <string>
@@ -32,11 +33,15 @@ class TransferEvents {
     }
     put(PlayerEvent::Kind::kRetry, event.offset, event.message);
   }
-  // Whether the file is another one now; that is told once as long as it is.
-  void set_replaced(bool replaced, const std::string& message, std::uint64_t offset = 0) {
+  // Whether the file is another one now; that is told once as long as it is, and again where nobody
+  // has said so for long: what is lost is tried again more often. `now`: seconds of a clock.
+  void set_replaced(bool replaced, const std::string& message, std::uint64_t offset = 0,
+                    double now = clock_seconds()) {
     {
       const std::lock_guard lock(mutex_);
-      if (std::exchange(replaced_, replaced) || !replaced) return;
+      const bool before = std::exchange(replaced_, replaced);
+      const double last = std::exchange(replaced_at_, replaced ? now : replaced_at_);
+      if (!replaced || (before && now - last <= kForgotten)) return;
     }
     put(PlayerEvent::Kind::kReplaced, offset, message);
   }
@@ -46,6 +51,11 @@ class TransferEvents {
   }
 
  private:
+  static constexpr double kForgotten = 60;  // seconds
+  static double clock_seconds() {
+    using Clock = std::chrono::steady_clock;
+    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  }
   void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
     PlayerEvent event = event_of(kind, offset, StatusCode::kIo, message);
     const std::lock_guard lock(mutex_);
@@ -61,6 +71,7 @@ class TransferEvents {
   std::function<void(const PlayerEvent&)> on_opening_;
   EventQueue events_;
   bool replaced_ = false;
+  double replaced_at_ = 0;  // as it was said last, seconds
 };
 
 }  // namespace stgs::player

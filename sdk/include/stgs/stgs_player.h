@@ -107,7 +107,8 @@ typedef struct stgs_async_io {
   /* Begins to fill `out` with the bytes [offset, offset + bytes), which lie within `size`, and
    * returns. Then stgs_read_complete is called once, by any thread, also before `begin` returns;
    * until then `out` may be written to. Called by several threads at once, which are the player's.
-   */
+   * A read that is not needed where the viewer has jumped to is given up after half a second: it is
+   * completed as others, and is not one of the `fetches` any more. */
   void (*begin)(void* user, stgs_read* read, uint64_t offset, void* out, size_t bytes);
   /* No answer is waited for any more: reads may be completed with an error. Called once at most, by
    * stgs_player_destroy; NULL: nothing to do. */
@@ -219,8 +220,10 @@ enum {
   STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later. Once
                             * for each piece and try: many at once where a source is down */
   STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it */
-  /* The file is another one now, or has lost what it had: what has not come will not as long as it
-   * is so. To see what it is, destroy the player and open it with another. */
+  /* The file is another one now, was overwritten, or has lost what it had: what has not come will
+   * not as long as it is so. To see what it is, destroy the player and open it with another. Told
+   * where it can be known: of a path by its size and time, of a URL by its size, and its ETag or
+   * time; not of a file that was damaged when it was opened. */
   STGS_EVENT_REPLACED = 11,
   STGS_EVENT_STALLED = 12, /* nothing has been added to a recording for live_stall_seconds; it is
                             * looked for further */

@@ -39,7 +39,7 @@ class ByteSource {
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
   // The same, but a source that waits for others gives it up (kRuntime) within half a second of
-  // `is_wanted` answering false, which it asks now and then, on this thread.
+  // `is_wanted` answering false, which it asks now and then, on this thread. That does not throw.
   virtual Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
                             std::span<std::uint8_t> out) const {
     (void)is_wanted;
