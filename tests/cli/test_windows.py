@@ -75,7 +75,8 @@ class Windows(CliTest):
 
     def test_reports_in_the_folder_of_the_windows(self):
         windows = ["--window", "3"]
-        self.succeeds(*self.train("-o", "new/", *windows, "--report", "./new/pages"))
+        report = self.json_of(*self.train("-o", "new/", *windows, "--report", "./new/pages"))
+        self.assertEqual(report["windows"][0]["output"], "new/000000-000003.stgs")
         self.assertIn("index.html", os.listdir(self.path("new/pages/000003-000006")))
         self.fails(IO, "the folder 'none' does not exist",
                    *self.train("-o", "none/x.stgs", "--report", "none/pages"))

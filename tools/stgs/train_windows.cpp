@@ -18,7 +18,7 @@ std::string name_of(const encoder::FrameSpan& span) {
 }
 
 std::string path_of(const std::string& folder, const encoder::FrameSpan& span) {
-  return fmt::format("{}/{}.stgs", folder, name_of(span));
+  return (std::filesystem::path(folder) / (name_of(span) + ".stgs")).string();
 }
 
 std::string checkpoint_of(const std::string& path) {
