@@ -68,7 +68,8 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
   const auto cpu = make_cpu_backend();
   CHECK(weigh_primitives(failing, *cpu, state, views, always, log) ==
         view_importance(state.set, views, always));
-  CHECK(told == std::vector<std::string>{"the primitives are weighed on the CPU: the GPU is gone"});
+  CHECK(told == std::vector<std::string>{
+                    "the primitives are weighed once more, on the CPU: the GPU is gone"});
 
   told.clear();
   const auto none = weigh_primitives(failing, throwing, state, views, always, log);

@@ -39,7 +39,8 @@ std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainB
   };
   Weighed weighed = weigh(backend, state, views, asked);
   if (!weighed.ok()) {
-    log(1, fmt::format("the primitives are weighed on the CPU: {}", weighed.status().message()));
+    log(1, fmt::format("the primitives are weighed once more, on the CPU: {}",
+                       weighed.status().message()));
     weighed = weigh(spare, state, views, asked);
   }
   if (thrown) std::rethrow_exception(thrown);

@@ -217,8 +217,8 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   self->connect_ = std::chrono::milliseconds(milliseconds(settings.connect_seconds));
   curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
-  const bool is_secret = same_name(std::string_view(url).substr(0, 6), "https:");
-  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, is_secret ? "https" : "http,https");
+  const bool is_https = same_name(std::string_view(url).substr(0, 6), "https:");
+  curl_easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, is_https ? "https" : "http,https");
   curl_easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
   curl_easy_setopt(easy, CURLOPT_MAXREDIRS, 5L);
   curl_easy_setopt(easy, CURLOPT_USERAGENT, "stgs");

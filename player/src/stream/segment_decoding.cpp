@@ -16,7 +16,7 @@ namespace {
 constexpr std::uint64_t kUnderWayShare = 16;
 // Seconds at least without a piece of another file after which it is taken for the right one again:
 // longer than what is lost is left alone.
-constexpr double kAnother = 30;
+constexpr double kDoubtSeconds = 30;
 
 }  // namespace
 
@@ -119,7 +119,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
         wrong && !is_followed() && (source_->has_lost_bytes() || source_->was_written());
     if (of_another) {
       note_change(true);
-      another_until_ = clock_seconds() + std::max(kAnother, 3 * settings_.retry_seconds);
+      doubtful_until_ = clock_seconds() + std::max(kDoubtSeconds, 3 * settings_.retry_seconds);
       drop_harmonics(piece.segment);  // which came with it
     }
     const bool damaged = wrong && !of_another;
@@ -134,7 +134,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   entry.with_harmonics = with_harmonics && harmonics.ok();
   if (!harmonics.ok()) return lost({segment, true}, harmonics);
   // It is right again, if this was not fetched before it was wrong: what it is now is to stay.
-  if (is_changed_ && clock_seconds() > another_until_ && !source_->has_lost_bytes()) {
+  if (is_changed_ && clock_seconds() > doubtful_until_ && !source_->has_lost_bytes()) {
     source_->set_finished();
     note_change(false);
   }

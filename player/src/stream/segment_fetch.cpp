@@ -19,7 +19,7 @@ constexpr std::uint64_t kRun = 512 << 10, kGap = 4 << 10;
 constexpr double kBrief = 0.1;  // seconds that a run of pieces of any urgency may take
 // Seconds and bytes asked for at once: what a jump has to wait for.
 constexpr double kStretch = 0.25;
-constexpr double kLongStretch = 2 * kStretch;  // it is ended by a jump
+constexpr double kLongStretch = 2 * kStretch;  // after which a jump ends one
 constexpr double kLeastStretch = 64 << 10, kGreatestStretch = 1 << 20;
 // Seconds for which a piece that the viewer waits for has the link to itself.
 constexpr double kAlone = 1;

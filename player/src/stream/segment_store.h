@@ -197,8 +197,8 @@ class SegmentStore {
   std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
-  bool is_changed_ = false;   // as on_changed_ was told
-  double another_until_ = 0;  // what comes until then may be of another file, clock seconds
+  bool is_changed_ = false;    // as on_changed_ was told
+  double doubtful_until_ = 0;  // what comes until then may be of another file, clock seconds
   std::uint64_t jumps_ = 0;
   bool is_placed_ = false;  // motion_ is the viewer's
   Motion motion_;

@@ -52,11 +52,9 @@ __global__ void __launch_bounds__(kWarps * 32)
       if (lane == k) own_sum = sum;
     }
     __syncwarp();
-    // What is drawn counts for more than what is not, however little.
-    if (own_sum > 0.0f) {
-      const float units = fmaxf(1.0f, own_sum * static_cast<float>(kImportanceOne));
-      atomicAdd(sums + primitive, static_cast<unsigned long long>(units));
-    }
+    const auto units =
+        static_cast<unsigned long long>(own_sum * static_cast<float>(kImportanceOne));
+    if (units > 0) atomicAdd(sums + primitive, units);
   }
 }
 
