@@ -15,7 +15,6 @@
 #include "write_pixel.glsl"
 
 layout(local_size_x = 256) in;
-layout(constant_id = 2) const bool kFovea = true;  // whether the view has one
 layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };

@@ -13,9 +13,8 @@
 #include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
 
-layout(constant_id = 0) const uint kLanes = 32u;   // of a subgroup: 16 or 32
-layout(local_size_x_id = 1) in;                    // kQuarters subgroups
-layout(constant_id = 2) const bool kFovea = true;  // whether the view has one
+layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
+layout(local_size_x_id = 1) in;                   // kQuarters subgroups
 layout(std430, set = 1, binding = 1) readonly buffer ListBuffer {
   uint list[];
 };
@@ -66,10 +65,9 @@ bool find_tile(uint v, uvec2 tiles, out uvec2 tile, out uint halvings) {
   halvings = 0u;
   if (!kFovea) return true;
   uint number = group_number(), first = frame.view[v].first_tile;
-  uint long_ones = patch_counts[2u * v], others = patch_counts[2u * v + 1u];
-  if (number >= long_ones + others) return false;
-  uint last = first + tiles.x * tiles.y - 1u + long_ones;
-  uint code = patch_list[number < long_ones ? first + number : last - number];
+  if (number >= patch_counts[2u * v + push.others]) return false;
+  uint last = first + tiles.x * tiles.y - 1u;
+  uint code = patch_list[push.others == 0u ? first + number : last - number];
   halvings = code >> 31u;
   uint at = code & ~kHalvedPatch;
   tile = uvec2(at % tiles.x, at / tiles.x);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of the sort by depth: what each chunk has, side by side.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
@@ -12,21 +13,25 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
   uint values[];
 };
 
-uint all_chunks() {
-  return frame.views * frame.chunks;
-}
-
 uint first_of(uint chunk) {
-  return chunk < all_chunks() ? chunk_places[chunk] + chunk_sums[chunk / kScanTile] : visible;
+  return chunk < frame.views * frame.chunks ? chunk_places[chunk] + chunk_sums[chunk / kScanTile]
+                                            : visible;
 }
 
 void main() {
-  uint chunk = group_number();
-  if (chunk >= all_chunks()) return;
-  uint first = first_of(chunk), count = first_of(chunk + 1u) - first;
-  uint k = gl_LocalInvocationIndex;
-  if (k >= count) return;
-  // A depth is at least the near plane's, and the bits of positive numbers are in their order.
-  keys[first + k] = floatBitsToUint(splat_c[chunk * kGroup + k].w);
-  values[first + k] = chunk * kGroup + k;
+  uint begin = group_number() * kCompactChunks, k = gl_LocalInvocationIndex;
+  uint firsts[kCompactChunks + 1u];
+  float depths[kCompactChunks];
+  // All are asked for at once: what is waited for is memory.
+  [[unroll]] for (uint c = 0u; c <= kCompactChunks; ++c) firsts[c] = first_of(begin + c);
+  [[unroll]] for (uint c = 0u; c < kCompactChunks; ++c) {
+    bool there = k < firsts[c + 1u] - firsts[c];
+    depths[c] = there ? splat_c[(begin + c) * kGroup + k].w : 0.0f;
+  }
+  [[unroll]] for (uint c = 0u; c < kCompactChunks; ++c) {
+    if (k >= firsts[c + 1u] - firsts[c]) continue;
+    // A depth is at least the near plane's, and the bits of positive numbers are in their order.
+    keys[firsts[c] + k] = floatBitsToUint(depths[c]);
+    values[firsts[c] + k] = (begin + c) * kGroup + k;
+  }
 }

@@ -8,6 +8,7 @@
 
 // After frame.glsl, on which it builds.
 #include "fovea.glsl"
+#include "last.glsl"
 
 layout(local_size_x = 256) in;
 layout(std430, set = 1, binding = 3) writeonly buffer PatchBuffer {
@@ -16,6 +17,12 @@ layout(std430, set = 1, binding = 3) writeonly buffer PatchBuffer {
 };
 
 const uint kLong = 1024u;  // splats
+
+// How many workgroups draw a view's patches. The last workgroup calls it.
+void plan_blend(uint thread) {
+  if (thread >= 2u * frame.views) return;
+  work[kWorkPatches + thread] = work_for(atomicAdd(patch_counts[thread], 0u), 1u);
+}
 
 shared uint here[2];  // patches of the workgroup with long lists, with others
 shared uint before[2];
@@ -48,4 +55,6 @@ void main() {
     uint others = places[k] >> 31u, place = before[others] + (places[k] & 0x7FFFFFFFu);
     patch_list[others == 1u ? last - place : first + place] = codes[k];
   }
+  uint groups = gl_NumWorkGroups.x * gl_NumWorkGroups.y;
+  if (is_last(kEndedFindPatches, groups, thread)) plan_blend(thread);
 }

@@ -2,6 +2,8 @@
 // Which tiles and pixels a splat's ellipse meets. All of it may only err towards meeting: what is
 // listed where it is not seen costs time, what is missing is wrong.
 
+#include "stgs/format/math/fovea.h"
+
 // Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
 const float kLimitSlack = 0.75e-4f;
 
@@ -9,7 +11,7 @@ const float kLimitSlack = 0.75e-4f;
 // are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
-  int row, rows;  // of tiles, or of squares of 2 x 2 where frame.squares says so
+  int row, rows;  // of tiles, or of squares of 2 x 2 where there are foveae
   uint view;
   int pixels_x, tiles_x;  // of its view, as what follows
   uint first_tile;
@@ -17,7 +19,7 @@ struct Footprint {
 };
 
 Footprint footprint_of(uint splat) {
-  int row_pixels = kTilePixels << frame.squares;
+  const int row_pixels = kFovea ? kFoveaSquare : kTilePixels;
   float side = float(row_pixels);
   vec4 a = splat_a[splat], b = splat_b[splat];
   uint v = splat / (frame.chunks * kGroup);

@@ -22,15 +22,16 @@
 
 STGS_LAYOUT_BEGIN
 
-const int kTilePixels = 16;    // width and height, as kTileSize of raster.h
-const int kQuarterPixels = 8;  // of a quarter of a tile
-const uint kQuarters = 4u;     // of a tile; where subgroups are known, each blends one
-const uint kGroup = 256u;      // invocations of a workgroup, and primitives of a chunk
-const uint kSortTile = 2048u;  // keys that a workgroup sorts
-const uint kScanTile = 2048u;  // numbers that a workgroup sums
-const uint kDigits = 256u;     // of a pass of the sort
-const uint kGroupsX = 32768u;  // of a dispatch along x; more go along y
-const uint kMostViews = 4u;    // of a frame
+const int kTilePixels = 16;      // width and height, as kTileSize of raster.h
+const int kQuarterPixels = 8;    // of a quarter of a tile
+const uint kQuarters = 4u;       // of a tile; where subgroups are known, each blends one
+const uint kGroup = 256u;        // invocations of a workgroup, and primitives of a chunk
+const uint kSortTile = 2048u;    // keys that a workgroup sorts
+const uint kScanTile = 2048u;    // numbers that a workgroup sums
+const uint kDigits = 256u;       // of a pass of the sort
+const uint kCompactChunks = 4u;  // whose keys a workgroup writes
+const uint kGroupsX = 32768u;    // of a dispatch along x; more go along y
+const uint kMostViews = 4u;      // of a frame
 
 // In a tile's list a splat's number has the bits below this one, enough for 16 bytes a splat in any
 // buffer, whose bytes 32 bits count. Those from it on tell which of the tile's quarters it meets,
@@ -41,6 +42,11 @@ const uint kSplatBits = 28u;
 // times the tiles of others and would keep all waiting for their workgroup.
 const uint kNearGroups = 256u;
 const uint kNearSplats = 32u;
+
+// Instances of such a workgroup that go through shared memory, from where they are written side by
+// side, and tiles of a frame up to which they do.
+const uint kListStage = 1536u;
+const uint kMostStagedTiles = 1u << 20u;
 
 // Where those of a workgroup begin.
 STGS_FN uint list_begin(uint group) {
@@ -93,7 +99,7 @@ struct FrameInput {
   uint views;
   uint chunks;             // of a view
   uint instance_capacity;  // of all views
-  uint squares;            // 1 where a view has a fovea: splats are listed by rows of squares
+  uint tiles;              // of all views
   ViewInput view[kMostViews];
 };
 
@@ -104,12 +110,15 @@ const uint kWorkCountTiles = 1u;  // workgroups for the visible splats
 const uint kWorkListTiles = 2u;   // the same
 const uint kWorkSortTiles = 3u;   // listed instances
 const uint kWorkFindRanges = 4u;  // listed instances
-const uint kWorks = 5u;
+// Of a view, what the blend draws where there are foveae: patches with long lists, with others.
+const uint kWorkPatches = 5u;
+const uint kWorks = 5u + 2u * kMostViews;
 
 // Of workgroups that have ended, in those dispatches that the last one goes on alone.
 const uint kEndedScanChunks = 0u;
 const uint kEndedCountTiles = 1u;
-const uint kEnded = 2u;
+const uint kEndedFindPatches = 2u;
+const uint kEnded = 3u;
 
 // What the blend writes of a picture.
 const uint kPixelPlanes = 0u;  // floats, a plane a channel
@@ -128,6 +137,7 @@ struct Push {
   uint pixels;                          // kPixel...
   uint with_depth;                      // beside such pixels the plane of depth; 0: without
   uint view;                            // of the blend
+  uint others;  // 0 where it draws the patches with long lists, 1 the others
 };
 
 STGS_LAYOUT_END

@@ -25,11 +25,8 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
   uint values[];
 };
 
-// Instances of a workgroup that go through shared memory, from where they are written side by side.
-const uint kStage = 2560u;
-
-shared uint stage[kStage];  // tile, and the splat's place in the workgroup in the lower eight bits
-shared uint stage_met[kStage / 8u];  // quarters, four bits each
+// The splat's place in the workgroup in the lower eight bits, the quarters in four, the tile.
+shared uint stage[kListStage];
 
 void write_instance(uint to, uint tile, uint splat, uint met) {
   if (to >= listed) return;
@@ -45,9 +42,7 @@ bool staged;
 void put(uint to, uint tile, uint of, uint met) {
   if (to >= end_place) return;
   if (staged) {
-    uint at = to - first_place;
-    stage[at] = tile << 8u | of;
-    atomicOr(stage_met[at / 8u], met << 4u * (at % 8u));
+    stage[to - first_place] = tile << 12u | met << 8u | of;
   } else {
     write_instance(to, tile, row_splats[of], met);
   }
@@ -63,7 +58,7 @@ uint put_span(uint to, RowTiles row, ivec2 span, int line, int each, Cells met) 
 }
 
 void put_row(uint to, RowTiles row) {
-  if (frame.squares == 0u) {
+  if (!kFovea) {
     put_span(to, row, row.upper, row.row, 1, row.met);
     return;
   }
@@ -86,11 +81,11 @@ void main() {
   end_place = group + 1u < groups ? tile_places[group + 1u] : instances;
   if (first_place >= listed) return;
   // Sums that stopped at the most that is counted say nothing of what lies between them.
-  staged = end_place - first_place <= kStage && end_place < kManyInstances;
+  staged = end_place - first_place <= kListStage && end_place < kManyInstances &&
+           frame.tiles <= kMostStagedTiles;
   // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
   // drawn.
   for (uint k = thread; staged && k < end_place - first_place; k += kGroup) stage[k] = 0u;
-  for (uint k = thread; k < kStage / 8u; k += kGroup) stage_met[k] = 0u;
   uint rows = load_rows(group, thread), begin = first_place;
   for (uint row = thread; row - thread < rows; row += kGroup) {
     RowTiles own;
@@ -106,7 +101,7 @@ void main() {
   if (!staged) return;
   barrier();
   for (uint k = thread; k < end_place - first_place; k += kGroup) {
-    uint met = stage_met[k / 8u] >> 4u * (k % 8u) & 0xFu;
-    write_instance(first_place + k, stage[k] >> 8u, row_splats[stage[k] & 0xFFu], met);
+    uint one = stage[k];
+    write_instance(first_place + k, one >> 12u, row_splats[one & 0xFFu], one >> 8u & 0xFu);
   }
 }

@@ -3,6 +3,7 @@
 // what does not depend on the view is done once. In each view a chunk's splats lie side by side
 // from its first place on, in the order of ids.
 #version 450
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 #include "stgs/format/math/blend.h"
@@ -53,10 +54,10 @@ bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
   ShBasis basis = sh_basis(vec3_of(from_camera.x * n, from_camera.y * n, from_camera.z * n));
   const int floats = 3 * (kDegree + 1) * (kDegree + 1);
   float sums[3] = float[3](0.0f, 0.0f, 0.0f);
-  for (int p = 0; 4 * p < floats; ++p) {
+  [[unroll]] for (int p = 0; 4 * p < floats; ++p) {
     uvec2 bits = pairs[at.pair + (9u + uint(p)) * at.n + i];
     vec4 four = vec4(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y));
-    for (int k = 0; k < 4; ++k) {
+    [[unroll]] for (int k = 0; k < 4; ++k) {
       int number = 4 * p + k;
       if (number < floats) sums[number % 3] += basis.v[number / 3] * four[k];
     }

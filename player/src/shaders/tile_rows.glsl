@@ -77,9 +77,9 @@ RowTiles tiles_of_row(uint row) {
   found.place = place;
   found.f = footprint_of(row_splats[place]);
   found.row = found.f.row + int(row - row_begins[place]);
-  found.met = cells_of(found.f, found.row, kQuarterPixels << frame.squares);
+  found.met = cells_of(found.f, found.row, kFovea ? kTilePixels : kQuarterPixels);
   ivec2 wholes = wholes_of(found.met), none = ivec2(0);
-  if (frame.squares == 0u) {
+  if (!kFovea) {
     found.upper = wholes;
     found.lower = found.left = found.right = none;
     return found;

@@ -25,7 +25,6 @@ inline constexpr std::uint64_t kCountBytes =
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
-// list_tiles.comp has a tile's number beside 8 bits of another.
 static_assert(kMaxViews * (kMaxPictureSide / kTilePixels) * (kMaxPictureSide / kTilePixels) <=
               1u << 8 * kMostTilePasses);
 

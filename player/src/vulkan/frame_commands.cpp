@@ -69,7 +69,7 @@ class FrameCommands::Recorder {
     }
     time(0);
     send();
-    STGS_TRY(bind_frame(work_.pictures[0]));
+    STGS_TRY(bind_pictures());
     STGS_TRY(slice(memory));
     time(1);
     STGS_TRY(bin());
@@ -86,11 +86,7 @@ class FrameCommands::Recorder {
  private:
   using StageBuffers = std::array<VkBuffer, kStageBindings>;
 
-  // Of all views.
-  std::uint32_t tiles() const {
-    const ViewInput& last = work_.input->view[work_.input->views - 1];
-    return last.first_tile + static_cast<std::uint32_t>(last.tiles_x * last.tiles_y);
-  }
+  std::uint32_t tiles() const { return work_.input->tiles; }  // of all views
   std::uint32_t chunks() const { return work_.input->views * work_.input->chunks; }
   std::uint32_t passes() const { return tile_passes(tiles()); }
   DigitRows digit_rows() const {
@@ -126,9 +122,9 @@ class FrameCommands::Recorder {
     barrier(device_, commands_);
   }
 
-  // A set with the buffers, bound.
-  Status bind(std::uint32_t number, VkDescriptorSetLayout layout,
-              std::span<const VkDescriptorBufferInfo> buffers) {
+  // A set with the buffers.
+  Result<VkDescriptorSet> make_set(VkDescriptorSetLayout layout,
+                                   std::span<const VkDescriptorBufferInfo> buffers) {
     auto info =
         structure<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
     info.descriptorPool = pool_;
@@ -144,12 +140,15 @@ class FrameCommands::Recorder {
     write.descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
     write.pBufferInfo = buffers.data();
     device_.vk.vkUpdateDescriptorSets(device_.handle(), 1, &write, 0, nullptr);
-    device_.vk.vkCmdBindDescriptorSets(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,
-                                       pipelines_.layout(), number, 1, &set, 0, nullptr);
-    return {};
+    return set;
   }
 
-  Status bind_frame(const PictureBuffers& picture) {
+  void bind(std::uint32_t number, VkDescriptorSet set) {
+    device_.vk.vkCmdBindDescriptorSets(commands_, VK_PIPELINE_BIND_POINT_COMPUTE,
+                                       pipelines_.layout(), number, 1, &set, 0, nullptr);
+  }
+
+  Result<VkDescriptorSet> frame_set(const PictureBuffers& picture) {
     std::vector<VkDescriptorBufferInfo> infos;
     for (const Buffer* buffer :
          {&b_.input, &b_.counts, &b_.splats[0], &b_.splats[1], &b_.splats[2], &b_.chunk_places,
@@ -161,13 +160,27 @@ class FrameCommands::Recorder {
                           ? plane
                           : VkDescriptorBufferInfo{unused(), 0, VK_WHOLE_SIZE});
     }
-    return bind(0, pipelines_.frame_set(), infos);
+    return make_set(pipelines_.frame_set(), infos);
+  }
+
+  Status bind_pictures() {
+    for (std::uint32_t v = 0; v < work_.input->views; ++v) {
+      STGS_ASSIGN(frame_sets_[v], frame_set(work_.pictures[v]));
+    }
+    bind(0, frame_sets_[0]);
+    return {};
+  }
+
+  Result<VkDescriptorSet> stage_set(const StageBuffers& buffers) {
+    std::array<VkDescriptorBufferInfo, kStageBindings> infos{};
+    for (std::size_t i = 0; i < infos.size(); ++i) infos[i] = {buffers[i], 0, VK_WHOLE_SIZE};
+    return make_set(pipelines_.stage_set(), infos);
   }
 
   Status stage(const StageBuffers& buffers) {
-    std::array<VkDescriptorBufferInfo, kStageBindings> infos{};
-    for (std::size_t i = 0; i < infos.size(); ++i) infos[i] = {buffers[i], 0, VK_WHOLE_SIZE};
-    return bind(1, pipelines_.stage_set(), infos);
+    STGS_ASSIGN(const VkDescriptorSet set, stage_set(buffers));
+    bind(1, set);
+    return {};
   }
 
   void use(Shader shader, const Push& push) {
@@ -185,11 +198,12 @@ class FrameCommands::Recorder {
     shader_barrier(device_, commands_);
   }
 
+  static std::uint64_t work_offset(std::uint32_t row) { return sizeof(Counts) + row * kWorkBytes; }
+
   // As many groups as the device has found.
   void dispatch_found(Shader shader, const Push& push) {
     use(shader, push);
-    device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
-                                     sizeof(Counts) + push.work * kWorkBytes);
+    device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(), work_offset(push.work));
     shader_barrier(device_, commands_);
   }
   void dispatch_found(Shader shader, std::uint32_t work) {
@@ -212,7 +226,7 @@ class FrameCommands::Recorder {
     dispatch(Shader::kScanChunks, {}, groups_for(chunks(), kScanTile));
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
                     b_.orders[0].handle()}));
-    dispatch(Shader::kCompact, {}, chunks());
+    dispatch(Shader::kCompact, {}, groups_for(chunks(), kCompactChunks));
     return {};
   }
 
@@ -240,8 +254,8 @@ class FrameCommands::Recorder {
     }
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.tile_keys[0].handle(),
                     b_.tile_splats[0].handle()}));
-    dispatch_found(Shader::kCountTiles, kWorkCountTiles);
-    dispatch_found(Shader::kListTiles, kWorkListTiles);
+    dispatch_found(work_.fovea ? Shader::kCountTilesFovea : Shader::kCountTiles, kWorkCountTiles);
+    dispatch_found(work_.fovea ? Shader::kListTilesFovea : Shader::kListTiles, kWorkListTiles);
     for (std::uint32_t pass = 0; pass < passes(); ++pass) {
       Push push{};
       push.work = kWorkSortTiles;
@@ -271,33 +285,52 @@ class FrameCommands::Recorder {
     return {};
   }
 
+  // Of view v's picture, with what it is drawn from.
+  void begin_blend(Shader shader, std::uint32_t v, std::uint32_t others) {
+    const PictureBuffers& picture = work_.pictures[v];
+    bind(0, frame_sets_[v]);
+    bind(1, blend_sets_[v]);
+    Push push{};
+    push.pixels = picture.pixels;
+    push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
+    push.view = v;
+    push.others = others;
+    use(shader, push);
+  }
+
   // Views write different pictures: none waits for another.
   Status blend() {
-    const bool fovea = work_.input->squares != 0, patches = fovea && device_.ballot_lanes() != 0;
-    if (patches) STGS_TRY(find_patches());
     const VkBuffer list = b_.tile_splats[passes() % 2].handle();
     for (std::uint32_t v = 0; v < work_.input->views; ++v) {
-      const PictureBuffers& picture = work_.pictures[v];
-      if (v > 0) STGS_TRY(bind_frame(picture));
-      const VkBuffer packed = picture.packed != VK_NULL_HANDLE ? picture.packed : unused();
-      STGS_TRY(stage({list, list, packed, b_.patches.handle()}));
-      Push push{};
-      push.pixels = picture.pixels;
-      push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
-      push.view = v;
+      const VkBuffer packed = work_.pictures[v].packed;
+      STGS_ASSIGN(blend_sets_[v],
+                  stage_set({list, list, packed != VK_NULL_HANDLE ? packed : unused(),
+                             b_.patches.handle()}));
+    }
+    if (work_.fovea && device_.ballot_lanes() != 0) return blend_patches();
+    for (std::uint32_t v = 0; v < work_.input->views; ++v) {
+      begin_blend(work_.fovea ? Shader::kBlendFovea : Shader::kBlend, v, 0);
       const ViewInput& view = work_.input->view[v];
-      use(fovea ? Shader::kBlendFovea : Shader::kBlend, push);
-      const auto tiles_x = static_cast<std::uint32_t>(view.tiles_x);
-      const auto tiles_y = static_cast<std::uint32_t>(view.tiles_y);
-      std::uint32_t x = tiles_x, y = tiles_y;
-      if (patches) {  // at most
-        x = std::min(tiles_x * tiles_y, kGroupsX);
-        y = groups_for(tiles_x * tiles_y, kGroupsX);
-      } else if (fovea) {
+      auto x = static_cast<std::uint32_t>(view.tiles_x);
+      auto y = static_cast<std::uint32_t>(view.tiles_y);
+      if (work_.fovea) {
         x = 2 * squares_along(view.tiles_x);
         y = 2 * squares_along(view.tiles_y);
       }
       device_.vk.vkCmdDispatch(commands_, x, y, 1);
+    }
+    return {};
+  }
+
+  // Those with long lists of all views come first: what begins late keeps the frame waiting.
+  Status blend_patches() {
+    STGS_TRY(find_patches());
+    for (std::uint32_t others = 0; others < 2; ++others) {
+      for (std::uint32_t v = 0; v < work_.input->views; ++v) {
+        begin_blend(Shader::kBlendFovea, v, others);
+        device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
+                                         work_offset(kWorkPatches + 2 * v + others));
+      }
     }
     return {};
   }
@@ -308,6 +341,7 @@ class FrameCommands::Recorder {
   const FrameWork& work_;
   VkDescriptorPool pool_;
   VkCommandBuffer commands_;
+  std::array<VkDescriptorSet, kMaxViews> frame_sets_{}, blend_sets_{};  // of each view
 };
 
 Status FrameCommands::record(const Device& device, const Pipelines& pipelines,

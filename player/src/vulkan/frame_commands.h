@@ -36,6 +36,7 @@ struct FrameWork {
   std::span<const PictureBuffers> pictures;  // of each view
   VkBuffer told;                             // where the Counts go, for the host
   VkQueryPool times;                         // kTimes of them; null where there are none
+  bool fovea;  // whether a view has one: splats are listed by rows of squares of 2 x 2 tiles
 };
 
 // The sets of buffers that a frame's commands use; one command buffer at a time.

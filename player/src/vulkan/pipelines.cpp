@@ -76,8 +76,10 @@ Code code_of(Shader shader) {
     case Shader::kSortScatter:
       return {kSortScatterCode, kSortScatterBallotCode};
     case Shader::kCountTiles:
+    case Shader::kCountTilesFovea:
       return {kCountTilesCode, kCountTilesBallotCode};
     case Shader::kListTiles:
+    case Shader::kListTilesFovea:
       return {kListTilesCode, kListTilesBallotCode};
     case Shader::kFindRanges:
       return {kFindRangesCode, kFindRangesCode};
@@ -154,11 +156,12 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
       vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
                 "loading a shader"));
   const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
-  const bool blends = shader == Shader::kBlend || shader == Shader::kBlendFovea;
+  const bool fovea = shader == Shader::kCountTilesFovea || shader == Shader::kListTilesFovea ||
+                     shader == Shader::kBlendFovea;
   const std::uint32_t numbers[] = {
       projects ? static_cast<std::uint32_t>(sh_degree) : lanes,
       projects ? shader == Shader::kProjectSeveral ? VK_TRUE : VK_FALSE : kQuarters * lanes,
-      shader == Shader::kBlendFovea ? VK_TRUE : VK_FALSE};
+      fovea ? VK_TRUE : VK_FALSE};
   constexpr std::uint32_t kEach = sizeof(numbers[0]);
   const VkSpecializationMapEntry entries[] = {
       {0, 0, kEach}, {1, kEach, kEach}, {2, 2 * kEach, kEach}};
@@ -170,7 +173,7 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
   info.stage.module = module;
   info.stage.pName = "main";
-  if (projects || blends || lanes != 0) info.stage.pSpecializationInfo = &constants;
+  info.stage.pSpecializationInfo = &constants;
   info.layout = layout_;
   const VkResult result =
       device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);

@@ -20,13 +20,15 @@ enum class Shader {
   kSortCount,
   kSortScatter,
   kCountTiles,
+  kCountTilesFovea,  // where a view has one, as the others of this name
   kListTiles,
+  kListTilesFovea,
   kFindRanges,
   kFindPatches,
   kBlend,
-  kBlendFovea,  // where the view has one
+  kBlendFovea,
 };
-inline constexpr std::size_t kShaders = 12;
+inline constexpr std::size_t kShaders = 14;
 
 // The device outlives it.
 class Pipelines {

@@ -201,9 +201,9 @@ class ComputeRenderer final : public VulkanRenderer {
       const Fovea fovea = fovea_of(views[i]);
       view.fovea = fovea.centre;
       view.fovea_radius = fovea.radius;
-      if (views[i].fovea) input.squares = 1;
       tiles += static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
     }
+    input.tiles = tiles;
     return input;
   }
 
@@ -293,7 +293,10 @@ class ComputeRenderer final : public VulkanRenderer {
     for (std::size_t i = 0; i < views.size(); ++i) {
       pictures.push_back(buffers_of(pictures_[i], to == nullptr ? nullptr : &to->targets[i]));
     }
-    const FrameWork work{&input, parts_, blocks_, sh_degree_, pictures, slot.told(), slot.times()};
+    const bool fovea = std::any_of(views.begin(), views.end(),
+                                   [](const View& view) { return view.fovea.has_value(); });
+    const FrameWork work{&input,   parts_,      blocks_,      sh_degree_,
+                         pictures, slot.told(), slot.times(), fovea};
     return slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw());
   }
 
