@@ -13,6 +13,11 @@ FIXTURE = ""  # folder that make_fixture filled, never changed by a test
 SOURCE = ""  # the project's root
 
 
+def sample():
+    """The capture that the project ships."""
+    return os.path.join(SOURCE, "tests", "data", "workshop")
+
+
 def built_in(part):
     """Whether `stgs --version` lists a part."""
     text = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout

@@ -1,253 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a capture to a file: what the verbs refuse, and what an interruption leaves."""
+"""Training and encoding: what they refuse, what they leave, and what an interruption does."""
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
-import time
 import unittest
 import urllib.parse
 import xml.etree.ElementTree
 
 import harness
-from harness import CliTest, built_in
+from harness import CliTest
 
-USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
-
-
-def sample():
-    return os.path.join(harness.SOURCE, "tests", "data", "workshop")
-
-
-class Packing(CliTest):
-    def test_pack(self):
-        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "out.stgs")
-        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("out.stgs")))
-        self.assertLess(report["bytes_out"], report["bytes_in"])
-        before = self.json_of("info", self.fixture("tiny.stgs"))["primitives"]
-        self.assertEqual(report["primitives"] + report["dropped"], before)
-        self.assertEqual(self.json_of("info", "out.stgs")["primitives"], report["primitives"])
-        self.json_of("validate", "out.stgs")
-        self.succeeds("compare", self.fixture("tiny.stgs"), "out.stgs", "--min-psnr", "30")
-
-    def test_quality_orders_size_and_error(self):
-        low = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "low.stgs", "--quality", "20")
-        high = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "high.stgs", "--quality", "95")
-        self.assertLess(low["bytes_out"], high["bytes_out"])
-        self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
-
-    def test_pack_says_what_the_space_is(self):
-        tiny = self.fixture("tiny.stgs")
-        self.assertIsNone(self.json_of("info", tiny)["metres_per_unit"])
-        self.succeeds("pack", tiny, "-o", "out.stgs", "--metres-per-unit", "0.25", "--up", "0,-3,4",
-                      "--floor", "0,1.5,0")
-        info = self.json_of("info", "out.stgs")
-        self.assertEqual(info["metres_per_unit"], 0.25)
-        for value, wanted in zip(info["up"] + info["floor"], (0, -0.6, 0.8, 0, 1.5, 0)):
-            self.assertAlmostEqual(value, wanted, 6)
-        self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
-        self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
-        self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
-        self.assertIsNone(info["sound"])
-        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--sound", "../a.opus", "--sound-at", "-0.5")
-        self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
-        self.assertEqual(self.json_of("info", "again.stgs")["sound"], {"place": "../a.opus", "begin_s": -0.5})
-        self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"sound +../a.opus, from -0.500 s")
-        self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
-                         "where the sound is")
-        self.fails(1, "--sound", "pack", tiny, "-o", "x.stgs", "--sound-at", "1")
-        self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
-        self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
-
-    def test_pack_to_a_rate_and_an_error(self):
-        tiny = self.fixture("tiny.stgs")
-        free = self.json_of("pack", tiny, "-o", "free.stgs")
-        self.assertEqual(free["quality"], 87)
-        self.assertEqual(free["held_out"], {"before": None, "after": None})
-        report = self.json_of("pack", tiny, "-o", "o.stgs", "--target-kbps",
-                              str(0.9 * free["kbps"]), "--max-error", "2")
-        self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
-        self.assertLess(report["quality"], 87)
-        self.assertLessEqual(report["errors"]["position_max"], 0.002)
-        self.fails(USAGE, "kbit/s is too little", "pack", tiny, "-o", "none.stgs",
-                   "--target-kbps", "0.1")
-        self.assertFalse(os.path.exists(self.path("none.stgs")))
-        self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
-                   "--quality", "10")
-
-    def test_pack_measures_on_the_capture_of_the_scene_alone(self):
-        prepared = self.fixture("prepared")
-        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "o.stgs", "--against",
-                              prepared)
-        held_out = report["held_out"]
-        self.assertGreater(held_out["before"]["psnr"], 0)
-        self.assertEqual(held_out["before"]["pictures"], held_out["after"]["pictures"])
-        for code, message, scene, against in (
-                (USAGE, "do not belong together", "longer.stgs", prepared),
-                (IO, "none", "tiny.stgs", "none")):
-            self.fails(code, message, "pack", self.fixture(scene), "-o", "none.stgs", "--against",
-                       against)
-            self.assertFalse(os.path.exists(self.path("none.stgs")))
-
-    def test_packing_what_is_packed_is_warned_of(self):
-        first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
-        self.assertNotIn(b"warning", first.stderr)
-        again = self.stgs("pack", "one.stgs", "-o", "two.stgs", "--format", "json")
-        self.assertEqual(again.returncode, 0)
-        self.assertIn(b"stgs: warning: one.stgs: is packed already", again.stderr)
-        self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
-
-    @unittest.skipUnless(built_in("draco"), "needs libdraco")
-    def test_the_profile_draco_is_the_same_scene(self):
-        tiny = self.fixture("tiny.stgs")
-        ours = self.json_of("pack", tiny, "-o", "ours.stgs")
-        report = self.json_of("pack", tiny, "-o", "draco.stgs", "--profile", "draco")
-        self.assertEqual(report["errors"], ours["errors"])
-        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("draco.stgs")))
-        self.assertEqual(self.json_of("info", "draco.stgs")["profile"], "draco")
-        self.assertEqual(self.json_of("info", "ours.stgs")["profile"], "quantised")
-        self.json_of("validate", "draco.stgs")
-        for name in ("ours", "draco"):
-            self.succeeds("convert", name + ".stgs", name + ".ply", "--time", "0.1")
-        self.assertEqual(self.read("ours.ply"), self.read("draco.ply"))
-
-    @unittest.skipIf(built_in("draco"), "libdraco is there")
-    def test_the_profile_draco_is_not_built(self):
-        scene = os.path.join(harness.SOURCE, "tests", "data", "draco", "draco.stgs")
-        self.assertEqual(self.json_of("info", scene)["profile"], "draco")
-        self.fails(NOT_BUILT, "need libdraco", "validate", scene)
-        self.fails(NOT_BUILT, "need libdraco", "convert", scene, "o.ply", "--time", "0")
-        self.fails(NOT_BUILT, "need libdraco", "pack", self.fixture("tiny.stgs"), "-o",
-                   "o.stgs", "--profile", "draco")
-        self.fails(NOT_BUILT, "need libdraco", "encode", sample(), "-o", "o.stgs", "--profile", "draco")
-        self.assertEqual(os.listdir(self.work), [])
-
-    def test_what_pack_refuses(self):
-        tiny = self.fixture("tiny.stgs")
-        self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
-                   "--quality", "101")
-        self.fails(USAGE, "--profile: lossless not in", "pack", tiny, "-o", "o.stgs",
-                   "--profile", "lossless")
-        self.fails(USAGE, "--output is required", "pack", tiny)
-        self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")
-        self.fails(INVALID, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",
-                   "o.stgs")
-        self.fails(IO, "cannot create", "pack", tiny, "-o", "/proc/o.stgs")
-        self.assertEqual(os.listdir(self.work), [])
-
-
-class Preparing(CliTest):
-    def setUp(self):
-        super().setUp()
-        if not harness.built_in("prepare"):
-            self.fails(NOT_BUILT, "cannot prepare captures: install OpenCV", "prepare", self.work,
-                       "-o", "out")
-            self.skipTest("prepare is not built in")
-
-    def test_what_prepare_refuses(self):
-        os.mkdir(self.path("empty"))
-        os.mkdir(self.path("text"))
-        self.write("text/notes.txt", "no video")
-        self.write("file", b"")
-        cases = [
-            (USAGE, "'film' is not a layout", ["empty", "--layout", "film"]),
-            (USAGE, "--scale: 0 is out of range", ["empty", "--scale", "0"]),
-            (USAGE, "--scale: 2 is out of range", ["empty", "--scale", "2"]),
-            (USAGE, "'5' is not a range of frames", ["empty", "--frames", "5"]),
-            (USAGE, "frames 5:2 hold nothing", ["empty", "--frames", "5:2"]),
-            (USAGE, "empty: is not a capture of a known layout", ["empty"]),
-            (USAGE, "text: is not a capture of a known layout", ["text"]),
-            (IO, "missing: does not exist; name the folder that holds", ["missing"]),
-            (IO, "file: is not a folder", ["file"]),
-        ]
-        for code, message, args in cases:
-            with self.subTest(args=args):
-                self.fails(code, message, "prepare", *args, "-o", "out")
-                self.assertFalse(os.path.exists(self.path("out")))
-                self.no_leftovers()
-        for output in ("/proc/out", "file/out"):
-            self.fails(IO, f"^stgs: error: {output}: cannot create: ", "prepare", sample(), "-o", output)
-
-    def test_a_video_that_is_none(self):
-        shutil.copytree(sample(), self.path("capture"))
-        self.write("capture/cam03.mp4", b"no video at all" * 100)
-        args = ["prepare", "capture", "-o", "out"]
-        result = self.fails(INVALID, "cam03.mp4: cannot open the video of camera 'cam03'", *args)
-        self.assertEqual(self.foreign_lines(result), [])
-        self.assertFalse(os.path.exists(self.path("out")))
-        # Its index is whole, its pictures are not.
-        self.write("capture/cam03.mp4", self.read("capture/cam04.mp4")[:30000])
-        result = self.fails(INVALID, "cam03.mp4: cannot decode frame 0 of camera 'cam03'", *args)
-        self.assertEqual(self.foreign_lines(result), [])
-
-    def foreign_lines(self, result):
-        """What libraries wrote to standard error past us."""
-        lines = result.stderr.decode().splitlines()
-        return [line for line in lines if not line.startswith("stgs: ")]
-
-    def test_a_killed_prepare_takes_colmap_with_it(self):
-        os.mkdir(self.path("bin"))
-        self.write("bin/colmap", "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 300\n")
-        os.chmod(self.path("bin/colmap"), 0o755)
-        shutil.copytree(sample(), self.path("capture"))
-        os.remove(self.path("capture/poses_bounds.npy"))  # so that COLMAP calibrates
-        environment = dict(os.environ, PATH=self.path("bin") + ":" + os.environ["PATH"],
-                           PID_FILE=self.path("pid"))
-        args = [harness.STGS, "prepare", "capture", "-o", "out", "--scale", "0.25"]
-        with subprocess.Popen(args, cwd=self.work, env=environment,
-                              stderr=subprocess.DEVNULL) as process:
-            self.wait_until(lambda: os.path.exists(self.path("pid")) and self.read("pid"))
-            child = int(self.read("pid"))
-            process.kill()
-        self.wait_until(lambda: not self.lives(child))
-
-    def lives(self, pid):
-        """Whether a process runs; one that has ended and waits for its parent does not."""
-        try:
-            with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
-                return file.read().rsplit(")", 1)[1].split()[0] != "Z"
-        except FileNotFoundError:
-            return False
-
-    def wait_until(self, condition):
-        for _ in range(1200):
-            if condition():
-                return
-            time.sleep(0.05)
-        self.fail("did not come about within a minute")
-
-    def test_an_existing_folder_is_not_overwritten_unasked(self):
-        os.mkdir(self.path("out"))
-        self.write("out/notes.txt", "mine")
-        self.fails(USAGE, "out: exists and is not a prepared capture", "prepare", sample(), "-o",
-                   "out", "--frames", "0:2")
-        self.assertEqual(os.listdir(self.path("out")), ["notes.txt"])
-
-    def interrupt(self, process, signal_number):
-        """Sends the signal once the work has begun, and returns what it printed."""
-        process.stderr.readline()
-        for _ in range(2):  # as a terminal and timeout(1) do: to the process and to its group
-            process.send_signal(signal_number)
-        error = process.stderr.read().decode()
-        process.wait()
-        return error
-
-    def test_what_a_killed_prepare_left_is_removed(self):
-        left = "out.partial-999999999"  # no process has such an id
-        os.makedirs(self.path(left, "frames"))
-        os.makedirs(self.path("out.partial-notes"))
-        self.fails(USAGE, "frames", "prepare", sample(), "-o", "out", "--frames", "0:999")
-        self.assertEqual(os.listdir(self.work), ["out.partial-notes"])
-
-    def test_an_interrupted_prepare_leaves_nothing(self):
-        args = [harness.STGS, "prepare", sample(), "-o", "out", "--progress", "json"]
-        with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
-            error = self.interrupt(process, signal.SIGTERM)
-        self.assertEqual(process.returncode, RUNTIME, error)
-        self.assertIn("stgs: error: interrupted", error)
-        self.assertEqual(os.listdir(self.work), [])
+USAGE, IO, INVALID, RUNTIME = 1, 2, 3, 4
 
 
 class Paging(CliTest):
@@ -335,10 +100,11 @@ class Training(Paging):
                 ("--output", "--report", ["train", self.fixture("prepared"), "-o",
                                           "sub/index.html", "--report", "sub"]),
                 ("--checkpoint", "--log", [*train, "--checkpoint", "a", "--log", "./a"]),
-                ("--output", "--checkpoint", ["encode", sample(), "-o", "scene.stgs",
+                ("--output", "--checkpoint", ["encode", harness.sample(), "-o", "scene.stgs",
                                               "--checkpoint", "link.ckpt"]),
-                ("--keep-work", "--checkpoint", ["encode", sample(), "-o", "b.stgs", "--keep-work",
-                                                 "w", "--checkpoint", "w/../w/trained.stgs"])]:
+                ("--keep-work", "--checkpoint", ["encode", harness.sample(), "-o", "b.stgs",
+                                                 "--keep-work", "w", "--checkpoint",
+                                                 "w/../w/trained.stgs"])]:
             with self.subTest(args=args):
                 if "w" in args:
                     os.mkdir(self.path("w"))
@@ -518,8 +284,8 @@ class Encoding(Paging):
     def stopped(self, number, stage):
         """An encode to out.stgs that gets the signal at the first line of `stage`: its exit code
         and what it printed."""
-        args = [harness.STGS, "encode", sample(), "-o", "out.stgs", "--progress", "json", "--scale",
-                "0.25", "--frames", "0:6", "--iterations", "10"]
+        args = [harness.STGS, "encode", harness.sample(), "-o", "out.stgs", "--progress", "json",
+                "--scale", "0.25", "--frames", "0:6", "--iterations", "10"]
         lines = []
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
             for line in process.stderr:
@@ -554,17 +320,18 @@ class Encoding(Paging):
                 self.assertEqual(sorted(os.listdir(self.work)), sorted(["out.stgs", *kept]))
 
     def test_an_encode_leaves_its_file_and_its_report(self):
-        report = self.json_of("encode", sample(), "-o", "out.stgs", "--scale", "0.25", "--frames",
-                              "0:2", "--preset", "fast", "--iterations", "10", "--report", "page")
+        report = self.json_of("encode", harness.sample(), "-o", "out.stgs", "--scale", "0.25",
+                              "--frames", "0:2", "--preset", "fast", "--iterations", "10",
+                              "--report", "page")
         self.assertEqual(report["train"]["held_out"]["pictures"], 2)
         self.assertEqual(report["report"], "page")
         self.assertIn("Test cameras, render and truth", self.page("page"))
         self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])
 
     def test_what_encode_refuses(self):
-        self.fails(IO, "cannot create", "encode", sample(), "-o", "/proc/out.stgs")
+        self.fails(IO, "cannot create", "encode", harness.sample(), "-o", "/proc/out.stgs")
         self.write("rubbish", b"rubbish" * 100)
-        encode = ["encode", sample(), "-o", "o.stgs", "--progress", "json"]
+        encode = ["encode", harness.sample(), "-o", "o.stgs", "--progress", "json"]
         for code, message, more in [
                 (USAGE, "--quality: 500 is out of range", ["--quality", "500"]),
                 (USAGE, "'soon' is not a value for lr_time", ["--set", "lr_time=soon"]),
@@ -580,7 +347,8 @@ class Encoding(Paging):
     def test_the_initialisation_is_ablated_as_by_the_verbs_one_by_one(self):
         prepare = ["--scale", "0.25", "--frames", "0:2"]
         train = ["--preset", "fast", "--iterations", "10", "--ablate", "initialisation"]
-        self.succeeds("encode", sample(), "-o", "out.stgs", *prepare, *train, "--keep-work", "work")
+        self.succeeds("encode", harness.sample(), "-o", "out.stgs", *prepare, *train,
+                      "--keep-work", "work")
         self.succeeds("train", "work/prepared", "-o", "trained.stgs", *train)
         self.assertEqual(self.read("trained.stgs"), self.read("work/trained.stgs"))
 

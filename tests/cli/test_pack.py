@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Packing: rates, errors, profiles, and what pack refuses."""
+import json
+import os
+import unittest
+
+import harness
+from harness import CliTest, built_in
+
+USAGE, IO, INVALID, NOT_BUILT = 1, 2, 3, 6
+
+
+class Packing(CliTest):
+    def test_pack(self):
+        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "out.stgs")
+        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("out.stgs")))
+        self.assertLess(report["bytes_out"], report["bytes_in"])
+        before = self.json_of("info", self.fixture("tiny.stgs"))["primitives"]
+        self.assertEqual(report["primitives"] + report["dropped"], before)
+        self.assertEqual(self.json_of("info", "out.stgs")["primitives"], report["primitives"])
+        self.json_of("validate", "out.stgs")
+        self.succeeds("compare", self.fixture("tiny.stgs"), "out.stgs", "--min-psnr", "30")
+
+    def test_quality_orders_size_and_error(self):
+        low = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "low.stgs", "--quality", "20")
+        high = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "high.stgs", "--quality", "95")
+        self.assertLess(low["bytes_out"], high["bytes_out"])
+        self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
+
+    def test_pack_says_what_the_space_is(self):
+        tiny = self.fixture("tiny.stgs")
+        self.assertIsNone(self.json_of("info", tiny)["metres_per_unit"])
+        self.succeeds("pack", tiny, "-o", "out.stgs", "--metres-per-unit", "0.25", "--up", "0,-3,4",
+                      "--floor", "0,1.5,0")
+        info = self.json_of("info", "out.stgs")
+        self.assertEqual(info["metres_per_unit"], 0.25)
+        for value, wanted in zip(info["up"] + info["floor"], (0, -0.6, 0.8, 0, 1.5, 0)):
+            self.assertAlmostEqual(value, wanted, 6)
+        self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
+        self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
+        self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
+        self.assertIsNone(info["sound"])
+        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--sound", "../a.opus", "--sound-at", "-0.5")
+        self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
+        self.assertEqual(self.json_of("info", "again.stgs")["sound"], {"place": "../a.opus", "begin_s": -0.5})
+        self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"sound +../a.opus, from -0.500 s")
+        self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
+                         "where the sound is")
+        self.fails(1, "--sound", "pack", tiny, "-o", "x.stgs", "--sound-at", "1")
+        self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
+        self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
+
+    def test_pack_to_a_rate_and_an_error(self):
+        tiny = self.fixture("tiny.stgs")
+        free = self.json_of("pack", tiny, "-o", "free.stgs")
+        self.assertEqual(free["quality"], 87)
+        self.assertEqual(free["held_out"], {"before": None, "after": None})
+        report = self.json_of("pack", tiny, "-o", "o.stgs", "--target-kbps",
+                              str(0.9 * free["kbps"]), "--max-error", "2")
+        self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
+        self.assertLess(report["quality"], 87)
+        self.assertLessEqual(report["errors"]["position_max"], 0.002)
+        self.fails(USAGE, "kbit/s is too little", "pack", tiny, "-o", "none.stgs",
+                   "--target-kbps", "0.1")
+        self.assertFalse(os.path.exists(self.path("none.stgs")))
+        self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
+                   "--quality", "10")
+
+    def test_pack_measures_on_the_capture_of_the_scene_alone(self):
+        prepared = self.fixture("prepared")
+        report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "o.stgs", "--against",
+                              prepared)
+        held_out = report["held_out"]
+        self.assertGreater(held_out["before"]["psnr"], 0)
+        self.assertEqual(held_out["before"]["pictures"], held_out["after"]["pictures"])
+        for code, message, scene, against in (
+                (USAGE, "do not belong together", "longer.stgs", prepared),
+                (IO, "none", "tiny.stgs", "none")):
+            self.fails(code, message, "pack", self.fixture(scene), "-o", "none.stgs", "--against",
+                       against)
+            self.assertFalse(os.path.exists(self.path("none.stgs")))
+
+    def test_packing_what_is_packed_is_warned_of(self):
+        first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
+        self.assertNotIn(b"warning", first.stderr)
+        again = self.stgs("pack", "one.stgs", "-o", "two.stgs", "--format", "json")
+        self.assertEqual(again.returncode, 0)
+        self.assertIn(b"stgs: warning: one.stgs: is packed already", again.stderr)
+        self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
+
+    @unittest.skipUnless(built_in("draco"), "needs libdraco")
+    def test_the_profile_draco_is_the_same_scene(self):
+        tiny = self.fixture("tiny.stgs")
+        ours = self.json_of("pack", tiny, "-o", "ours.stgs")
+        report = self.json_of("pack", tiny, "-o", "draco.stgs", "--profile", "draco")
+        self.assertEqual(report["errors"], ours["errors"])
+        self.assertEqual(report["bytes_out"], os.path.getsize(self.path("draco.stgs")))
+        self.assertEqual(self.json_of("info", "draco.stgs")["profile"], "draco")
+        self.assertEqual(self.json_of("info", "ours.stgs")["profile"], "quantised")
+        self.json_of("validate", "draco.stgs")
+        for name in ("ours", "draco"):
+            self.succeeds("convert", name + ".stgs", name + ".ply", "--time", "0.1")
+        self.assertEqual(self.read("ours.ply"), self.read("draco.ply"))
+
+    @unittest.skipIf(built_in("draco"), "libdraco is there")
+    def test_the_profile_draco_is_not_built(self):
+        scene = os.path.join(harness.SOURCE, "tests", "data", "draco", "draco.stgs")
+        self.assertEqual(self.json_of("info", scene)["profile"], "draco")
+        self.fails(NOT_BUILT, "need libdraco", "validate", scene)
+        self.fails(NOT_BUILT, "need libdraco", "convert", scene, "o.ply", "--time", "0")
+        self.fails(NOT_BUILT, "need libdraco", "pack", self.fixture("tiny.stgs"), "-o",
+                   "o.stgs", "--profile", "draco")
+        self.fails(NOT_BUILT, "need libdraco", "encode", harness.sample(), "-o", "o.stgs",
+                   "--profile", "draco")
+        self.assertEqual(os.listdir(self.work), [])
+
+    def test_what_pack_refuses(self):
+        tiny = self.fixture("tiny.stgs")
+        self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
+                   "--quality", "101")
+        self.fails(USAGE, "--profile: lossless not in", "pack", tiny, "-o", "o.stgs",
+                   "--profile", "lossless")
+        self.fails(USAGE, "--output is required", "pack", tiny)
+        self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")
+        self.fails(INVALID, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",
+                   "o.stgs")
+        self.fails(IO, "cannot create", "pack", tiny, "-o", "/proc/o.stgs")
+        self.assertEqual(os.listdir(self.work), [])
+
+
+if __name__ == "__main__":
+    unittest.main()
