@@ -408,7 +408,10 @@ TEST_CASE("splats at equal depths are blended in the order of ids, however many 
 TEST_CASE("a picture of more tiles than two digits tell looks like the CPU's", "[large]") {
   const auto device = device_renderer();
   const auto timeline = timeline_over(random_scene(6000, 0, kFrames, 91));
-  check_alike(*timeline, 1.0, {view_of(32768, 560)}, *device);
+  View view = view_of(32768, 560);
+  check_alike(*timeline, 1.0, {view}, *device);
+  view.fovea = Fovea{{20000.0f, 300.0f}, 12000.0f};  // most of it at full resolution
+  check_alike(*timeline, 1.0, {view}, *device);
 }
 
 TEST_CASE("a frame with more instances than there is room for is drawn again") {

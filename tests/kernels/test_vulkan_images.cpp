@@ -186,9 +186,10 @@ TEST_CASE("several views go to a layer and level of an image each, and their dep
   const auto timeline = timeline_over(random_scene(3000, 1, 60, 6));
   std::vector<View> views = {view_of(), view_of(), view_of(kWidth / 2, kHeight / 2)};
   views[1].camera.translation.x += 0.3f;
-  // Two eyes with frusta askew, and a small one beside them.
+  // Two eyes with frusta askew, one with a fovea, and a small one beside them.
   views[0].camera.cx += 14;
   views[1].camera.cx -= 14;
+  views[1].fovea = Fovea{{kWidth / 3.0f, kHeight / 2.0f}, 40.0f};
   const HostImage colour = host().make_image(VK_FORMAT_R8G8B8A8_UNORM, kWidth, kHeight, 2, 2);
   const HostImage depth = host().make_image(VK_FORMAT_R32_SFLOAT, kWidth, kHeight);
   VulkanSubmission to;

@@ -48,7 +48,10 @@ void main() {
     ++count;
   }
   barrier();
-  if (thread < 2u) before[thread] = atomicAdd(patch_counts[2u * v + thread], here[thread]);
+  if (thread == 0u) {  // as is_last has it
+    before[0] = atomicAdd(patch_counts[2u * v], here[0]);
+    before[1] = atomicAdd(patch_counts[2u * v + 1u], here[1]);
+  }
   barrier();
   uint first = frame.view[v].first_tile, last = first + tiles.x * tiles.y - 1u;
   for (uint k = 0u; k < count; ++k) {

@@ -2,7 +2,7 @@
 // The buffers of a frame, and what every shader needs.
 #include "frame_layout.h"
 
-layout(constant_id = 2) const bool kFovea = true;  // whether a view has one
+layout(constant_id = 2) const bool kFovea = false;  // whether a view has one
 
 layout(std430, set = 0, binding = 0) readonly buffer InputBuffer {
   FrameInput frame;

@@ -44,9 +44,11 @@ const uint kNearGroups = 256u;
 const uint kNearSplats = 32u;
 
 // Instances of such a workgroup that go through shared memory, from where they are written side by
-// side, and tiles of a frame up to which they do.
+// side: the splat's place among the workgroup's in the lowest bits, the quarters, from kStagedTile
+// on the tile, where a frame has so few.
 const uint kListStage = 1536u;
-const uint kMostStagedTiles = 1u << 20u;
+const uint kStagedMet = 8u, kStagedTile = 12u;
+const uint kMostStagedTiles = 1u << (32u - kStagedTile);
 
 // Where those of a workgroup begin.
 STGS_FN uint list_begin(uint group) {

@@ -5,7 +5,7 @@
 shared bool is_last_here;
 
 // Whether all other workgroups of `groups` have called it: what their first invocations wrote to
-// coherent buffers before is seen then. All invocations call it, once.
+// coherent buffers or added by atomics before is seen then. All invocations call it, once.
 bool is_last(uint number, uint groups, uint thread) {
   if (thread == 0u) {
     memoryBarrierBuffer();

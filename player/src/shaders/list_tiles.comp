@@ -25,7 +25,6 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
   uint values[];
 };
 
-// The splat's place in the workgroup in the lower eight bits, the quarters in four, the tile.
 shared uint stage[kListStage];
 
 void write_instance(uint to, uint tile, uint splat, uint met) {
@@ -42,7 +41,7 @@ bool staged;
 void put(uint to, uint tile, uint of, uint met) {
   if (to >= end_place) return;
   if (staged) {
-    stage[to - first_place] = tile << 12u | met << 8u | of;
+    stage[to - first_place] = tile << kStagedTile | met << kStagedMet | of;
   } else {
     write_instance(to, tile, row_splats[of], met);
   }
@@ -102,6 +101,7 @@ void main() {
   barrier();
   for (uint k = thread; k < end_place - first_place; k += kGroup) {
     uint one = stage[k];
-    write_instance(first_place + k, one >> 12u, row_splats[one & 0xFFu], one >> 8u & 0xFu);
+    uint splat = row_splats[one & kGroup - 1u], met = one >> kStagedMet & (1u << kQuarters) - 1u;
+    write_instance(first_place + k, one >> kStagedTile, splat, met);
   }
 }

@@ -69,7 +69,8 @@ class FrameCommands::Recorder {
     }
     time(0);
     send();
-    STGS_TRY(bind_pictures());
+    STGS_TRY(make_frame_sets());
+    bind(0, frame_sets_[0]);
     STGS_TRY(slice(memory));
     time(1);
     STGS_TRY(bin());
@@ -163,11 +164,10 @@ class FrameCommands::Recorder {
     return make_set(pipelines_.frame_set(), infos);
   }
 
-  Status bind_pictures() {
+  Status make_frame_sets() {
     for (std::uint32_t v = 0; v < work_.input->views; ++v) {
       STGS_ASSIGN(frame_sets_[v], frame_set(work_.pictures[v]));
     }
-    bind(0, frame_sets_[0]);
     return {};
   }
 
