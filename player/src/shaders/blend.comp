@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blending of a view, nearest first: a workgroup a tile, a pixel an invocation; at half resolution
-// the first 64 have one. The tile's list goes through shared memory kGroup splats at a time until no
-// pixel lets light through. Of each batch a block of pixels goes through the splats alone whose
-// ellipse meets it; blocks are invocations side by side, so that subgroups of up to 32 agree on what
-// they skip.
+// the first 64 have one. The tile's list goes through shared memory kGroup splats at a time until
+// no pixel lets light through. Of each batch a block of pixels goes through the splats alone whose
+// ellipse meets it; blocks are invocations side by side, so that subgroups of up to 32 agree on
+// what they skip.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"

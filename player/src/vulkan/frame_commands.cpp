@@ -190,12 +190,14 @@ class FrameCommands::Recorder {
                                   sizeof(push), &push);
   }
 
+  // What follows sees what was written before.
+  void wait() { shader_barrier(device_, commands_); }
+
   void dispatch(Shader shader, const Push& push, std::uint32_t groups) {
     if (groups == 0) return;
     use(shader, push);
     device_.vk.vkCmdDispatch(commands_, std::min(groups, kGroupsX), groups_for(groups, kGroupsX),
                              1);
-    shader_barrier(device_, commands_);
   }
 
   static std::uint64_t work_offset(std::uint32_t row) { return sizeof(Counts) + row * kWorkBytes; }
@@ -204,7 +206,6 @@ class FrameCommands::Recorder {
   void dispatch_found(Shader shader, const Push& push) {
     use(shader, push);
     device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(), work_offset(push.work));
-    shader_barrier(device_, commands_);
   }
   void dispatch_found(Shader shader, std::uint32_t work) {
     Push push{};
@@ -212,6 +213,7 @@ class FrameCommands::Recorder {
     dispatch_found(shader, push);
   }
 
+  // Blocks write different chunks: none waits for another.
   Status slice(const SegmentMemory& memory) {
     for (const BlockParts& one : work_.blocks) {
       const VkBuffer block = memory.buffer(one.block);
@@ -223,7 +225,9 @@ class FrameCommands::Recorder {
       const bool several = work_.input->views > 1;
       dispatch(several ? Shader::kProjectSeveral : Shader::kProject, push, one.groups);
     }
+    wait();
     dispatch(Shader::kScanChunks, {}, groups_for(chunks(), kScanTile));
+    wait();
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
                     b_.orders[0].handle()}));
     dispatch(Shader::kCompact, {}, groups_for(chunks(), kCompactChunks));
@@ -238,7 +242,9 @@ class FrameCommands::Recorder {
                                   values[to].handle()};
     STGS_TRY(stage(buffers));
     push.shift = 8 * pass;
+    wait();
     dispatch_found(Shader::kSortCount, push);
+    wait();
     dispatch_found(Shader::kSortScatter, push);
     return {};
   }
@@ -254,7 +260,9 @@ class FrameCommands::Recorder {
     }
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.tile_keys[0].handle(),
                     b_.tile_splats[0].handle()}));
+    wait();
     dispatch_found(work_.fovea ? Shader::kCountTilesFovea : Shader::kCountTiles, kWorkCountTiles);
+    wait();
     dispatch_found(work_.fovea ? Shader::kListTilesFovea : Shader::kListTiles, kWorkListTiles);
     for (std::uint32_t pass = 0; pass < passes(); ++pass) {
       Push push{};
@@ -266,6 +274,7 @@ class FrameCommands::Recorder {
     if (ballot) return {};
     const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
     STGS_TRY(stage({keys, keys, keys, keys}));
+    wait();
     dispatch_found(Shader::kFindRanges, kWorkFindRanges);
     return {};
   }
@@ -279,9 +288,9 @@ class FrameCommands::Recorder {
       const ViewInput& view = work_.input->view[v];
       most = std::max(most, squares_along(view.tiles_x) * squares_along(view.tiles_y));
     }
+    wait();
     use(Shader::kFindPatches, {});
     device_.vk.vkCmdDispatch(commands_, groups_for(most, kGroup), work_.input->views, 1);
-    shader_barrier(device_, commands_);
     return {};
   }
 
@@ -308,6 +317,7 @@ class FrameCommands::Recorder {
                              b_.patches.handle()}));
     }
     if (work_.fovea && device_.ballot_lanes() != 0) return blend_patches();
+    wait();
     for (std::uint32_t v = 0; v < work_.input->views; ++v) {
       begin_blend(work_.fovea ? Shader::kBlendFovea : Shader::kBlend, v, 0);
       const ViewInput& view = work_.input->view[v];
@@ -325,6 +335,7 @@ class FrameCommands::Recorder {
   // Those with long lists of all views come first: what begins late keeps the frame waiting.
   Status blend_patches() {
     STGS_TRY(find_patches());
+    wait();
     for (std::uint32_t others = 0; others < 2; ++others) {
       for (std::uint32_t v = 0; v < work_.input->views; ++v) {
         begin_blend(Shader::kBlendFovea, v, others);
