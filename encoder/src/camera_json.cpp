@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <span>
 
+#include "stgs/encoder/json_error.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::encoder {
@@ -55,7 +56,7 @@ Result<Camera> camera_from_json(const Json& json, const std::string& where) {
     read_numbers(json, "rotation", camera.rotation);
     read_numbers(json, "translation", camera.translation);
   } catch (const std::exception& error) {
-    return invalid_file("{}: not a camera: '{}': {}", where, camera.name, error.what());
+    return invalid_file("{}: not a camera: '{}': {}", where, camera.name, json_error(error));
   }
   STGS_TRY(check_camera(camera, where));
   return camera;

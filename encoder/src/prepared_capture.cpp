@@ -9,6 +9,7 @@
 
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/encoder/json_error.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
@@ -127,7 +128,7 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
     STGS_TRY(check(capture, path));
     return capture;
   } catch (const std::exception& error) {
-    return invalid_file("{}: {}", path, error.what());
+    return invalid_file("{}: {}", path, json_error(error));
   }
 }
 

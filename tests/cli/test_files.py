@@ -290,8 +290,8 @@ class WrongCaptures(CliTest):
                    *render(self.path("none.json")))
         cases = [
             ("not a camera", "[]"),
-            ("not a camera: .*width", "{}"),
-            ("not a camera", "{"),
+            ("not a camera: 'camera': key 'width' not found", "{}"),
+            ("not a camera: parse error at line 1", "{"),
             ("fx and fy must be positive", json.dumps({**good, "fx": 0})),
             ("height is 1000000, not 1 to 32768", json.dumps({**good, "height": 1000000})),
             ("not a rotation matrix", json.dumps({**good, "rotation": [2] * 9})),

@@ -20,6 +20,7 @@ class Usage(CliTest):
             ("unknown verb 'zzzzzz'; the verbs are .*validate", ["zzzzzz"]),
             ("unknown option '--tme'; did you mean '--time'", [*render, "--tme", "0"]),
             ("unknown option '--format-all'", ["info", tiny, "--format-all"]),
+            ("--time is given more than once", [*render, "--time", "0", "--time", "1"]),
             ("FILE is required", ["info"]),
             ("FILE is required", ["validate"]),
             ("--output is required", ["render", tiny, "--time", "0"]),

@@ -246,7 +246,7 @@ class Verbs(unittest.TestCase):
         with FaultyServer(data, [{"status": 503}]) as server:
             run = self.stgs("info", server.url)
             self.assertEqual(run.returncode, 0)
-            self.assertRegex(run.stderr, rb"warning: at byte 0: .* 503; trying again in 0.")
+            self.assertRegex(run.stderr, rb"warning: http\S+ at byte 0: .* 503; trying again in 0.")
         with FaultyServer(data, [{"status": 404}]) as server:
             run = self.stgs("info", server.url)
             self.assertEqual(run.returncode, 2)

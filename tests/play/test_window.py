@@ -94,6 +94,26 @@ class WindowTest(unittest.TestCase):
         controls = [self.cut(name, CONTROLS) for name in ("window.png", "expected.png")]
         self.assertTrue(self.differs(*controls, least=30))
 
+    def test_the_last_frame_is_shown_where_it_is_asked_for(self):
+        report = self.play("--time", 2.98, "--after", 5, "--no-overlay", "--screenshot",
+                           "window.png")
+        self.assertAlmostEqual(report["seconds"], 89 / 30)
+        self.render(report, "expected.png")
+        self.assertFalse(self.differs("window.png", "expected.png"))
+
+    def bright(self, name, part):
+        """How many bytes of a part of a picture are nearly 255."""
+        done = subprocess.run(["ffmpeg", "-loglevel", "error", "-i", self.path(name), "-vf",
+                               f"format=gray,crop={part}", "-f", "rawvideo", "-"],
+                              capture_output=True, check=True)
+        return sum(value > 230 for value in done.stdout)
+
+    def test_the_first_screenshot_has_the_statistics(self):
+        self.play("--time", 1.3, "--paused", "--screenshot", "window.png")
+        self.play("--time", 1.3, "--paused", "--no-overlay", "--screenshot", "bare.png")
+        text = [self.bright(name, "300:110:8:8") for name in ("window.png", "bare.png")]
+        self.assertGreater(text[0], text[1] + 1000)
+
     def test_a_scene_plays_backwards_from_another_camera(self):
         camera = {"width": WIDTH, "height": HEIGHT, "fx": 500, "fy": 510, "cx": 320, "cy": 240,
                   "rotation": [0.8, 0, -0.6, 0, 1, 0, 0.6, 0, 0.8], "translation": [3, 0.1, 0.5]}

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "stgs/encoder/camera_json.h"
+#include "stgs/encoder/json_error.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::tools {
@@ -23,7 +24,7 @@ Result<encoder::Camera> read_camera(const std::string& path) {
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
                                      path);
   } catch (const std::exception& error) {
-    return invalid_file("{}: not a camera: {}", path, error.what());
+    return invalid_file("{}: not a camera: {}", path, encoder::json_error(error));
   }
 }
 

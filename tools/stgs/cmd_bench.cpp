@@ -247,13 +247,15 @@ class Bench final : public Command {
       const double times = percentile(again.frame, 0.5) / percentile(one.frame, 0.5);
       json["stereo"] = {
           {"eye_distance", *eye_distance_}, {"one_eye", to_json(one)}, {"times_one_eye", times}};
-      text += to_text("one eye", one) + fmt::format("two eyes take {:.3f} times as long\n", times);
+      text += to_text("one eye", one) + fmt::format("two eyes take {:.3f} times as long{}\n", times,
+                                                    fovea_radius_ ? " as one without a fovea" : "");
       if (fovea_radius_) {
         const Pass& alike = measured.passes[3];
         json["stereo"]["one_eye_alike"] = to_json(alike);
-        json["stereo"]["times_one_eye_alike"] =
-            percentile(again.frame, 0.5) / percentile(alike.frame, 0.5);
-        text += to_text("one alike", alike);
+        const double times_alike = percentile(again.frame, 0.5) / percentile(alike.frame, 0.5);
+        json["stereo"]["times_one_eye_alike"] = times_alike;
+        text += to_text("one alike", alike) +
+                fmt::format("two eyes take {:.3f} times as long as one alike\n", times_alike);
       }
     }
     if (steps_) {

@@ -101,6 +101,9 @@ std::vector<std::string> option_names(const CLI::App& app) {
 // What CLI11 found wrong, with the option that was probably meant.
 int usage_of_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   std::string where = "stgs", message = error.what();
+  // "--size: At Most 1 required but received 2"
+  const std::size_t most = message.find(": At Most 1 required");
+  if (most != std::string::npos) message = message.substr(0, most) + " is given more than once";
   for (const CLI::App* verb : app.get_subcommands()) {
     where += " " + verb->get_name();
     for (const std::string& argument : verb->remaining()) {

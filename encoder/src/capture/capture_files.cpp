@@ -10,6 +10,7 @@
 #include <memory>
 
 #include "frame_numbers.h"
+#include "stgs/encoder/json_error.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs::encoder {
@@ -178,7 +179,7 @@ Result<nlohmann::json> read_json(const std::string& path) {
   try {
     return nlohmann::json::parse(bytes.begin(), bytes.end());
   } catch (const std::exception& error) {
-    return invalid_file("{}: {}", path, error.what());
+    return invalid_file("{}: {}", path, json_error(error));
   }
 }
 

@@ -18,6 +18,7 @@
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
+#include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
 namespace {
@@ -225,7 +226,7 @@ Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& 
     }
     return capture;
   } catch (const Json::exception& error) {
-    return invalid_file("{}: {}", path, error.what());
+    return invalid_file("{}: {}", path, json_error(error));
   }
 }
 

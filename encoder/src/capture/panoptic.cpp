@@ -8,6 +8,7 @@
 #include <map>
 
 #include "capture_files.h"
+#include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
 namespace {
@@ -102,7 +103,7 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
       }
     }
   } catch (const Json::exception& error) {
-    return invalid_file("{}: {}", path, error.what());
+    return invalid_file("{}: {}", path, json_error(error));
   }
   return {};
 }

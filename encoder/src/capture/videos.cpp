@@ -18,6 +18,7 @@
 #include <filesystem>
 
 #include "capture_files.h"
+#include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
 namespace {
@@ -77,7 +78,7 @@ Status read_cameras(const std::string& path, SourceCapture& capture) {
       capture.cameras.push_back(std::move(camera));
     }
   } catch (const Json::exception& error) {
-    return invalid_file("{}: {}", path, error.what());
+    return invalid_file("{}: {}", path, json_error(error));
   }
   return {};
 }

@@ -157,7 +157,9 @@ struct Connection::Reply {
   // Whether the body is the range that was asked for.
   bool accepts() {
     if (status() == 200) {
-      refused = "the server sends whole files only, and a scene is read in byte ranges";
+      refused =
+          "the server sends whole files only, and a scene is read in byte ranges; fetch the file "
+          "first, or serve it by one that answers ranges, as nginx does";
       code = StatusCode::kUnsupported;
     } else if (!encoding.empty() && !same_name(encoding, "identity")) {
       refused = fmt::format("the server encodes ranges ({}), so they are not the file's", encoding);

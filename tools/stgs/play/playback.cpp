@@ -43,7 +43,7 @@ Result<bool> Playback::is_open() {
   const bool ended = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
   {
     const std::lock_guard lock(opening_mutex_);
-    for (const PlayerEvent& event : opening_events_) tell_event(session_, event);
+    for (const PlayerEvent& event : opening_events_) tell_event(session_, settings_.file, event);
     opening_events_.clear();
   }
   if (!ended) return false;
@@ -64,7 +64,10 @@ Status Playback::begin() {
   STGS_TRY(player_->set_rate(rate_));
   // A recording that grows is at its edge already.
   if (settings_.seconds > 0 || !player_->live().growing) STGS_TRY(player_->seek(settings_.seconds));
-  if (!settings_.paused) player_->play();
+  // From the last frame on there is nothing to play; a player asked to would begin anew.
+  const bool at_end = settings_.seconds > 0 && rate_ > 0 && !loop_ && !player_->live().growing &&
+                      frame() + 1 >= player_->timeline().metadata().frames;
+  if (!settings_.paused && !at_end) player_->play();
   return {};
 }
 
@@ -157,7 +160,7 @@ void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
     if (event.message.empty()) continue;
     notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
-    tell_event(session_, event);
+    tell_event(session_, settings_.file, event);
   }
 }
 

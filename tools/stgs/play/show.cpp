@@ -153,7 +153,9 @@ class Show {
       report_.seconds = playback_.advance(now);
       const bool dragged = drag(), flown = fly(passed);
       moved_ = dragged || flown;
-      if (overlay_) draw_overlay(playback_, facts(now));
+      const OverlayFacts told = facts(now);
+      if (overlay_) draw_overlay(playback_, told);
+      told_ = told.fps > 0 && frame_.number > 0;
     } else {
       (void)window_->take_drags();  // of nothing
       draw_opening(file());
@@ -213,7 +215,7 @@ class Show {
 
   // Shows the picture, and keeps it where it is asked for.
   Status finish() {
-    const bool at_end = !settings_.screenshot.empty() && settled_ &&
+    const bool at_end = !settings_.screenshot.empty() && settled_ && (told_ || !overlay_) &&
                         report_.pictures >= static_cast<std::uint64_t>(settings_.after);
     if (save_ && is_open_ && !screen_->can_copy()) {
       give_up_screenshot("the pictures of this window cannot be copied");
@@ -368,6 +370,7 @@ class Show {
   std::uint64_t number_ = 0;   // of the last one that was submitted
   double last_ = now_seconds();
   bool is_open_ = false, overlay_ = true, save_ = false, settled_ = false, done_ = false;
+  bool told_ = false;     // whether the overlay has the figures of a picture
   bool follows_ = false;  // the next picture the last, at once
   double drawn_ = 0;      // the last picture, seconds
   int cut_ = 0;           // tries at a screenshot that lacked splats
