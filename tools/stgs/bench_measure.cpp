@@ -86,8 +86,9 @@ void StepTable::add(const player::RenderProfile& profile) {
 }
 
 double StepTable::floor_ms(const Row& row) const {
-  return 1e3 * std::max(mean(row.bytes) / bytes_per_second_,
-                        mean(row.operations) / operations_per_second_);
+  const double bytes = mean(row.bytes) / bytes_per_second_;
+  if (operations_per_second_ == 0) return 1e3 * bytes;
+  return 1e3 * std::max(bytes, mean(row.operations) / operations_per_second_);
 }
 
 Json StepTable::to_json() const {

@@ -28,6 +28,12 @@ inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
 static_assert(kMaxViews * (kMaxPictureSide / kTilePixels) * (kMaxPictureSide / kTilePixels) <=
               1u << 8 * kMostTilePasses);
 
+inline std::uint32_t tile_passes(std::uint32_t tiles) {
+  std::uint32_t passes = 1;
+  while (passes < kMostTilePasses && tiles > std::uint32_t{1} << 8 * passes) ++passes;
+  return passes;
+}
+
 // The rows of a frame's DigitBuffer (frame.glsl), where so many splats and instances are sorted at
 // most.
 struct DigitRows {

@@ -10,12 +10,6 @@ namespace {
 constexpr std::uint32_t kStageSets = 32;       // of a frame, those of blocks and views apart
 constexpr std::uint64_t kUpdateBytes = 65536;  // of vkCmdUpdateBuffer at most
 
-std::uint32_t tile_passes(std::uint32_t tiles) {
-  std::uint32_t passes = 1;
-  while (passes < kMostTilePasses && tiles > std::uint32_t{1} << 8 * passes) ++passes;
-  return passes;
-}
-
 std::uint32_t groups_for(std::uint32_t items, std::uint32_t each) {
   return (items + each - 1) / each;
 }
@@ -67,8 +61,13 @@ class FrameCommands::Recorder {
     if (work_.times != VK_NULL_HANDLE) {
       device_.vk.vkCmdResetQueryPool(commands_, work_.times, 0, kTimes);
     }
+    if (work_.step_times != VK_NULL_HANDLE) {
+      device_.vk.vkCmdResetQueryPool(commands_, work_.step_times, 0, kFrameSteps + 1);
+    }
     time(0);
+    write_time(work_.step_times, 0);
     send();
+    ended(kClear);
     STGS_TRY(make_frame_sets());
     bind(0, frame_sets_[0]);
     STGS_TRY(slice(memory));
@@ -77,6 +76,7 @@ class FrameCommands::Recorder {
     time(2);
     STGS_TRY(blend());
     time(3);
+    ended(kBlend);
     barrier(device_, commands_);
     const VkBufferCopy counts{0, 0, sizeof(Counts)};
     device_.vk.vkCmdCopyBuffer(commands_, b_.counts.handle(), work_.told, 1, &counts);
@@ -96,11 +96,12 @@ class FrameCommands::Recorder {
   // Bound where the blend writes nothing: the sort's other list, which is not needed any more.
   VkBuffer unused() const { return b_.tile_splats[1 - passes() % 2].handle(); }
 
-  void time(std::uint32_t number) {
-    if (work_.times == VK_NULL_HANDLE) return;
-    device_.vk.vkCmdWriteTimestamp(commands_, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, work_.times,
-                                   number);
+  void write_time(VkQueryPool to, std::uint32_t number) {
+    if (to == VK_NULL_HANDLE) return;
+    device_.vk.vkCmdWriteTimestamp(commands_, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, to, number);
   }
+  void time(std::uint32_t number) { write_time(work_.times, number); }
+  void ended(FrameStep step) { write_time(work_.step_times, static_cast<std::uint32_t>(step) + 1); }
 
   void update(const Buffer& to, std::uint64_t offset, const void* data, std::uint64_t bytes) {
     for (std::uint64_t at = 0; at < bytes; at += kUpdateBytes) {
@@ -225,12 +226,14 @@ class FrameCommands::Recorder {
       const bool several = work_.input->views > 1;
       dispatch(several ? Shader::kProjectSeveral : Shader::kProject, push, one.groups);
     }
+    ended(kProject);
     wait();
     dispatch(Shader::kScanChunks, {}, groups_for(chunks(), kScanTile));
     wait();
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.depth_keys[0].handle(),
                     b_.orders[0].handle()}));
     dispatch(Shader::kCompact, {}, groups_for(chunks(), kCompactChunks));
+    ended(kCompact);
     return {};
   }
 
@@ -258,12 +261,14 @@ class FrameCommands::Recorder {
       push.super_rows = rows.groups + pass * rows.depth;
       STGS_TRY(sort(pass, b_.depth_keys, b_.orders, push));
     }
+    ended(kDepthSort);
     STGS_TRY(stage({b_.depth_keys[0].handle(), b_.orders[0].handle(), b_.tile_keys[0].handle(),
                     b_.tile_splats[0].handle()}));
     wait();
     dispatch_found(work_.fovea ? Shader::kCountTilesFovea : Shader::kCountTiles, kWorkCountTiles);
     wait();
     dispatch_found(work_.fovea ? Shader::kListTilesFovea : Shader::kListTiles, kWorkListTiles);
+    ended(kList);
     for (std::uint32_t pass = 0; pass < passes(); ++pass) {
       Push push{};
       push.work = kWorkSortTiles;
@@ -271,11 +276,13 @@ class FrameCommands::Recorder {
       push.tells_ranges = ballot && pass + 1 == passes() ? 1u : 0u;
       STGS_TRY(sort(pass, b_.tile_keys, b_.tile_splats, push));
     }
-    if (ballot) return {};
-    const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
-    STGS_TRY(stage({keys, keys, keys, keys}));
-    wait();
-    dispatch_found(Shader::kFindRanges, kWorkFindRanges);
+    if (!ballot) {
+      const VkBuffer keys = b_.tile_keys[passes() % 2].handle();
+      STGS_TRY(stage({keys, keys, keys, keys}));
+      wait();
+      dispatch_found(Shader::kFindRanges, kWorkFindRanges);
+    }
+    ended(kTileSort);
     return {};
   }
 

@@ -19,6 +19,9 @@ struct BlockParts {
 inline constexpr std::uint32_t kPlanes = 5;  // red, green, blue, alpha, depth
 inline constexpr std::uint32_t kTimes = 4;   // begin, sliced, binned, blended
 
+// Whose times can be told, in their order.
+enum FrameStep { kClear, kProject, kCompact, kDepthSort, kList, kTileSort, kBlend, kFrameSteps };
+
 // Where the picture of a view goes.
 struct PictureBuffers {
   std::uint32_t pixels = kPixelPlanes;
@@ -36,6 +39,7 @@ struct FrameWork {
   std::span<const PictureBuffers> pictures;  // of each view
   VkBuffer told;                             // where the Counts go, for the host
   VkQueryPool times;                         // kTimes of them; null where there are none
+  VkQueryPool step_times;                    // kFrameSteps + 1 of them, likewise
   bool fovea;  // whether a view has one: splats are listed by rows of squares of 2 x 2 tiles
 };
 

@@ -5,7 +5,6 @@
 #include <array>
 #include <bit>
 #include <chrono>
-#include <cmath>
 #include <cstring>
 #include <exception>
 #include <utility>
@@ -13,7 +12,9 @@
 
 #include "views.h"
 #include "vulkan/caller_images.h"
+#include "vulkan/frame_profile.h"
 #include "vulkan/frame_slot.h"
+#include "vulkan/frame_views.h"
 #include "vulkan/packed_segment.h"
 #include "vulkan/segment_cache.h"
 
@@ -26,28 +27,9 @@ using Clock = std::chrono::steady_clock;
 // Of splats in tiles, for each splat that there can be; a first guess.
 constexpr std::uint64_t kInstancesEach = 4;
 constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 18;
-constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
 // Frames that nobody waits for are to fit: room is made from so full a list on, and for so much.
 constexpr double kFull = 0.8, kRoomier = 1.5;
 constexpr std::uint32_t kLeastParts = 256;  // that there is room for
-
-int tiles_along(int pixels) {
-  return (pixels + kTilePixels - 1) / kTilePixels;
-}
-
-// One of the views of a call: its picture. Frames use it one after the other.
-struct Picture {
-  int width = 0, height = 0;
-  Buffer planes;         // of draw()
-  Buffer packed, depth;  // of submit(), for the caller's images
-  std::uint64_t pixels() const {
-    return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
-  }
-  std::uint64_t plane_bytes() const {
-    return (sizeof(float) * pixels() + kPlaneAlign - 1) / kPlaneAlign * kPlaneAlign;
-  }
-  std::uint64_t plane_bytes_together() const { return kPlanes * plane_bytes(); }
-};
 
 class ComputeRenderer final : public VulkanRenderer {
  public:
@@ -66,36 +48,46 @@ class ComputeRenderer final : public VulkanRenderer {
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
     STGS_TRY(check_views(views));
-    drawn_views_ = 0;
+    drawn_.clear();
     try {
       STGS_TRY(wait());
       FrameSlot& slot = slots_[0];
       STGS_TRY(prepare(timeline, seconds, views, slot.stats));
       STGS_TRY(draw_whole(timeline, seconds, views, slot));
       if (stats != nullptr) *stats = slot.stats;
+      drawn_ = views;
     } catch (const std::exception& e) {
       return Status(code_of(e),
                     fmt::format("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what()));
     }
-    drawn_views_ = views.size();
     return {};
   }
 
   Status read(std::vector<Frame>& frames) override {
     try {
-      frames.resize(drawn_views_);
-      for (std::size_t i = 0; i < drawn_views_; ++i) STGS_TRY(read_one(pictures_[i], frames[i]));
+      frames.resize(drawn_.size());
+      for (std::size_t i = 0; i < drawn_.size(); ++i) STGS_TRY(read_one(pictures_[i], frames[i]));
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("no memory for a picture: {}", e.what()));
     }
     return {};
   }
 
+  Result<RenderProfile> profile() override {
+    if (drawn_.empty()) return usage_error("there is nothing drawn to be drawn again");
+    if (device_.timestamp_ns() == 0) return unsupported("the Vulkan device tells no times");
+    try {
+      return draw_step_by_step();
+    } catch (const std::exception& e) {
+      return Status(code_of(e), fmt::format("no memory to tell what a frame takes: {}", e.what()));
+    }
+  }
+
   Result<std::uint64_t> submit(Timeline& timeline, double seconds, const std::vector<View>& views,
                                const VulkanSubmission& to) override {
     STGS_TRY(check_views(views));
     STGS_TRY(check_submission(device_, views, to));
-    drawn_views_ = 0;
+    drawn_.clear();
     try {
       STGS_TRY(look());
       FrameSlot& slot = slots_[(number_ + 1) % slots_.size()];
@@ -175,36 +167,9 @@ class ComputeRenderer final : public VulkanRenderer {
     stats.waiting = segments_.waiting_primitives();
     sh_degree_ = timeline.reader().sh_degree();
     for (std::size_t i = 0; i < views.size(); ++i) {
-      pictures_[i].width = static_cast<int>(std::lround(views[i].camera.width));
-      pictures_[i].height = static_cast<int>(std::lround(views[i].camera.height));
+      pictures_[i].set_size(views[i]);
     }
     return pipelines_.create(device_, sh_degree_);
-  }
-
-  FrameInput input_of(const std::vector<View>& views) const {
-    static_assert(kMostViews == kMaxViews);
-    FrameInput input{};
-    input.views = static_cast<std::uint32_t>(views.size());
-    input.chunks = chunks_;
-    input.instance_capacity = static_cast<std::uint32_t>(capacity());
-    std::uint32_t tiles = 0;
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      ViewInput& view = input.view[i];
-      view.camera = views[i].camera;
-      view.centre = math::camera_centre(views[i].camera);
-      view.background = views[i].background;
-      view.width = pictures_[i].width;
-      view.height = pictures_[i].height;
-      view.tiles_x = tiles_along(pictures_[i].width);
-      view.tiles_y = tiles_along(pictures_[i].height);
-      view.first_tile = tiles;
-      const Fovea fovea = fovea_of(views[i]);
-      view.fovea = fovea.centre;
-      view.fovea_radius = fovea.radius;
-      tiles += static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
-    }
-    input.tiles = tiles;
-    return input;
   }
 
   std::uint64_t capacity() const {
@@ -239,7 +204,7 @@ class ComputeRenderer final : public VulkanRenderer {
     need.parts = std::bit_ceil(std::max(static_cast<std::uint32_t>(parts_.size()), kLeastParts));
     for (std::size_t i = 0; i < views.size(); ++i) {
       Picture& p = pictures_[i];
-      need.tiles += static_cast<std::uint32_t>(tiles_along(p.width) * tiles_along(p.height));
+      need.tiles += p.tiles();
       if (to == nullptr) {
         STGS_TRY(grow(p.planes, p.plane_bytes_together(), p, p.plane_bytes()));
         continue;
@@ -271,16 +236,19 @@ class ComputeRenderer final : public VulkanRenderer {
     return make_room(views, to);
   }
 
-  PictureBuffers buffers_of(const Picture& picture, const VulkanTarget* to) const {
-    PictureBuffers out;
-    for (std::uint32_t plane = 0; to == nullptr && plane < kPlanes; ++plane) {
-      out.planes[plane] = {picture.planes.handle(), plane * picture.plane_bytes(),
-                           picture.plane_bytes()};
+  FrameInput input_for(const std::vector<View>& views) const {
+    FrameInput input = input_of(views, pictures_);
+    input.chunks = chunks_;
+    input.instance_capacity = static_cast<std::uint32_t>(capacity());
+    return input;
+  }
+
+  // `to` as for make_room.
+  std::vector<PictureBuffers> buffers_of(std::size_t views, const VulkanSubmission* to) const {
+    std::vector<PictureBuffers> out;
+    for (std::size_t i = 0; i < views; ++i) {
+      out.push_back(pictures_[i].buffers(to == nullptr ? nullptr : &to->targets[i]));
     }
-    if (to == nullptr) return out;
-    out.pixels = pixel_format(to->colour.format).pixels;
-    out.packed = picture.packed.handle();
-    if (to->depth) out.planes[kPlanes - 1] = {picture.depth.handle(), 0, picture.plane_bytes()};
     return out;
   }
 
@@ -288,16 +256,35 @@ class ComputeRenderer final : public VulkanRenderer {
     STGS_TRY(slot.begin());
     segments_.record_copies(slot.draw());
     slot.capacity = capacity();
-    const FrameInput input = input_of(views);
-    std::vector<PictureBuffers> pictures;
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      pictures.push_back(buffers_of(pictures_[i], to == nullptr ? nullptr : &to->targets[i]));
-    }
-    const bool fovea = std::any_of(views.begin(), views.end(),
-                                   [](const View& view) { return view.fovea.has_value(); });
-    const FrameWork work{&input,   parts_,      blocks_,      sh_degree_,
-                         pictures, slot.told(), slot.times(), fovea};
+    const FrameInput input = input_for(views);
+    const std::vector<PictureBuffers> pictures = buffers_of(views.size(), to);
+    const FrameWork work{&input,      parts_,       blocks_,        sh_degree_,      pictures,
+                         slot.told(), slot.times(), VK_NULL_HANDLE, has_fovea(views)};
     return slot.sets().record(device_, pipelines_, segments_.memory(), buffers_, work, slot.draw());
+  }
+
+  Result<RenderProfile> draw_step_by_step() {
+    RenderProfile profile;
+    if (copied_per_second_ == 0) {
+      STGS_ASSIGN(copied_per_second_, copied_bytes_per_second(device_));
+    }
+    profile.bytes_per_second = copied_per_second_;
+    const FrameSlot& slot = slots_[0];
+    const FrameInput input = input_for(drawn_);
+    const std::vector<PictureBuffers> pictures = buffers_of(drawn_.size(), nullptr);
+    Times times;
+    STGS_TRY(times.create(device_, kFrameSteps + 1));
+    const FrameWork work{&input,      parts_,         blocks_,      sh_degree_,       pictures,
+                         slot.told(), VK_NULL_HANDLE, times.pool(), has_fovea(drawn_)};
+    FrameCommands sets;
+    VkCommandBuffer commands = VK_NULL_HANDLE;
+    STGS_TRY(device_.begin(&commands));
+    barrier(device_, commands);
+    STGS_TRY(sets.record(device_, pipelines_, segments_.memory(), buffers_, work, commands));
+    STGS_TRY(device_.finish(commands));
+    STGS_ASSIGN(const std::vector<double> ms, times.between());
+    profile.steps = steps_of(work, slot.counts(), ms);
+    return profile;
   }
 
   Status start(FrameSlot& slot, std::span<const VulkanSemaphore> wait,
@@ -404,8 +391,9 @@ class ComputeRenderer final : public VulkanRenderer {
   std::vector<BlockParts> blocks_;
   std::uint32_t chunks_ = 0;
   int sh_degree_ = 0;
-  std::size_t drawn_views_ = 0;
-  std::uint64_t number_ = 0;  // of the last frame that was submitted
+  std::vector<View> drawn_;       // by the last draw(), which succeeded
+  double copied_per_second_ = 0;  // bytes; 0: not measured
+  std::uint64_t number_ = 0;      // of the last frame that was submitted
   VulkanFrame ended_;
   std::array<FrameSlot, kFramesOnTheWay> slots_;  // last: its destructor waits for the frames
 };

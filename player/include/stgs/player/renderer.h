@@ -46,7 +46,8 @@ struct RenderStep {
   double bytes = 0, operations = 0;
 };
 struct RenderProfile {
-  // Of the device, at most.
+  // Of the device, at most: of its memory, as a copy moves them where it does not tell, and of its
+  // lanes; 0 where it tells nothing of these.
   double bytes_per_second = 0, operations_per_second = 0;
   std::vector<RenderStep> steps;  // in their order
 };

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vulkan/frame_views.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "views.h"
+#include "vulkan/caller_images.h"
+
+namespace stgs::player::vulkan {
+namespace {
+
+constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
+
+int tiles_along(int pixels) {
+  return (pixels + kTilePixels - 1) / kTilePixels;
+}
+
+}  // namespace
+
+void Picture::set_size(const View& view) {
+  width = static_cast<int>(std::lround(view.camera.width));
+  height = static_cast<int>(std::lround(view.camera.height));
+}
+
+std::uint32_t Picture::tiles() const {
+  return static_cast<std::uint32_t>(tiles_along(width) * tiles_along(height));
+}
+
+std::uint64_t Picture::plane_bytes() const {
+  return (sizeof(float) * pixels() + kPlaneAlign - 1) / kPlaneAlign * kPlaneAlign;
+}
+
+PictureBuffers Picture::buffers(const VulkanTarget* to) const {
+  PictureBuffers out;
+  for (std::uint32_t plane = 0; to == nullptr && plane < kPlanes; ++plane) {
+    out.planes[plane] = {planes.handle(), plane * plane_bytes(), plane_bytes()};
+  }
+  if (to == nullptr) return out;
+  out.pixels = pixel_format(to->colour.format).pixels;
+  out.packed = packed.handle();
+  if (to->depth) out.planes[kPlanes - 1] = {depth.handle(), 0, plane_bytes()};
+  return out;
+}
+
+bool has_fovea(const std::vector<View>& views) {
+  return std::any_of(views.begin(), views.end(),
+                     [](const View& view) { return view.fovea.has_value(); });
+}
+
+FrameInput input_of(const std::vector<View>& views, std::span<const Picture> pictures) {
+  static_assert(kMostViews == kMaxViews);
+  FrameInput input{};
+  input.views = static_cast<std::uint32_t>(views.size());
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    ViewInput& view = input.view[i];
+    view.camera = views[i].camera;
+    view.centre = math::camera_centre(views[i].camera);
+    view.background = views[i].background;
+    view.width = pictures[i].width;
+    view.height = pictures[i].height;
+    view.tiles_x = tiles_along(pictures[i].width);
+    view.tiles_y = tiles_along(pictures[i].height);
+    view.first_tile = input.tiles;
+    const Fovea fovea = fovea_of(views[i]);
+    view.fovea = fovea.centre;
+    view.fovea_radius = fovea.radius;
+    input.tiles += pictures[i].tiles();
+  }
+  return input;
+}
+
+}  // namespace stgs::player::vulkan
