@@ -2,8 +2,10 @@
 #include "vulkan/frame_profile.h"
 
 #include <algorithm>
+#include <array>
 
 #include "vulkan/packed_segment.h"
+#include "vulkan/times.h"
 
 namespace stgs::player::vulkan {
 namespace {
@@ -16,34 +18,6 @@ constexpr double kKey = 4, kSplat = 48, kRange = 8, kPixel = kPlanes * sizeof(fl
 constexpr double kSupport = 8, kMoment = 40, kCovariance = 24;
 
 }  // namespace
-
-Times::~Times() {
-  if (device_ != nullptr) device_->vk.vkDestroyQueryPool(device_->handle(), pool_, nullptr);
-}
-
-Status Times::create(const Device& device, std::uint32_t count) {
-  device_ = &device;
-  count_ = count;
-  auto info = structure<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
-  info.queryType = VK_QUERY_TYPE_TIMESTAMP;
-  info.queryCount = count;
-  return vk_status(device.vk.vkCreateQueryPool(device.handle(), &info, nullptr, &pool_),
-                   "making room for times");
-}
-
-Result<std::vector<double>> Times::between() const {
-  std::vector<std::uint64_t> at(count_);
-  STGS_TRY(vk_status(
-      device_->vk.vkGetQueryPoolResults(device_->handle(), pool_, 0, count_, count_ * sizeof(at[0]),
-                                        at.data(), sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
-      "reading times"));
-  std::vector<double> ms;
-  for (std::size_t i = 1; i < at.size(); ++i) {
-    const std::uint64_t steps = (at[i] - at[i - 1]) & device_->timestamp_mask();
-    ms.push_back(1e-6 * device_->timestamp_ns() * static_cast<double>(steps));
-  }
-  return ms;
-}
 
 Result<double> copied_bytes_per_second(Device& device) {
   Buffer from, to;
@@ -62,12 +36,12 @@ Result<double> copied_bytes_per_second(Device& device) {
     if (k < 2) device.vk.vkCmdCopyBuffer(commands, from.handle(), to.handle(), 1, &all);
   }
   STGS_TRY(device.finish(commands));
-  STGS_ASSIGN(const std::vector<double> ms, times.between());
+  std::array<double, 2> ms{};
+  STGS_TRY(times.between(ms));
   return 2e3 * static_cast<double>(kCopied) / std::max(ms[1], 1e-6);
 }
 
-std::vector<RenderStep> steps_of(const FrameWork& work, const Counts& counts,
-                                 const std::vector<double>& ms) {
+std::vector<RenderStep> steps_of(const FrameWork& work, const Counts& counts, const StepTimes& ms) {
   const FrameInput& input = *work.input;
   const double stored = static_cast<double>(input.chunks) * kGroup, alive = counts.alive;
   const double splats = counts.visible, listed = counts.listed, tiles = input.tiles;

@@ -29,7 +29,6 @@ FrameSlot::~FrameSlot() {
   if (device_ == nullptr) return;
   if (on_its_way_) (void)device_->wait(fence_);
   const auto& vk = device_->vk;
-  vk.vkDestroyQueryPool(device_->handle(), times_, nullptr);
   vk.vkDestroyFence(device_->handle(), fence_, nullptr);
   vk.vkDestroyCommandPool(device_->handle(), pool_, nullptr);
 }
@@ -52,12 +51,7 @@ Status FrameSlot::create(Device& device) {
   STGS_TRY(
       vk_status(vk.vkCreateFence(device.handle(), &fence, nullptr, &fence_), "creating a fence"));
   STGS_TRY(told_.create(device, sizeof(Counts), Place::kHost));
-  if (device.timestamp_ns() == 0) return {};
-  auto times = structure<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
-  times.queryType = VK_QUERY_TYPE_TIMESTAMP;
-  times.queryCount = kTimes;
-  return vk_status(vk.vkCreateQueryPool(device.handle(), &times, nullptr, &times_),
-                   "making room for times");
+  return device.timestamp_ns() == 0 ? Status() : times_.create(device, kTimes);
 }
 
 Result<bool> FrameSlot::has_ended() {
@@ -128,19 +122,13 @@ Counts FrameSlot::counts() const {
 }
 
 Status FrameSlot::add_times(RenderStats& to) const {
-  if (times_ == VK_NULL_HANDLE) return {};
-  std::uint64_t at[kTimes] = {};
-  STGS_TRY(
-      vk_status(device_->vk.vkGetQueryPoolResults(device_->handle(), times_, 0, kTimes, sizeof(at),
-                                                  at, sizeof(at[0]), VK_QUERY_RESULT_64_BIT),
-                "reading the times of the stages"));
-  double* const sums[] = {&to.slice_ms, &to.bin_ms, &to.blend_ms};
-  for (std::size_t stage = 0; stage + 1 < kTimes; ++stage) {
-    const std::uint64_t steps = (at[stage + 1] - at[stage]) & device_->timestamp_mask();
-    const double ms = 1e-6 * device_->timestamp_ns() * static_cast<double>(steps);
-    *sums[stage] += ms;
-    to.device_ms += ms;
-  }
+  if (times() == VK_NULL_HANDLE) return {};
+  std::array<double, kTimes - 1> ms{};
+  STGS_TRY(times_.between(ms));
+  to.slice_ms += ms[0];
+  to.bin_ms += ms[1];
+  to.blend_ms += ms[2];
+  to.device_ms += ms[0] + ms[1] + ms[2];
   return {};
 }
 

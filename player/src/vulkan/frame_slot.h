@@ -12,6 +12,7 @@
 #include "vulkan/buffer.h"
 #include "vulkan/frame_buffers.h"
 #include "vulkan/frame_commands.h"
+#include "vulkan/times.h"
 
 namespace stgs::player::vulkan {
 
@@ -36,7 +37,7 @@ class FrameSlot {
   VkCommandBuffer hand_over() const { return commands_[1]; }
   FrameCommands& sets() { return sets_; }
   VkBuffer told() const { return told_.handle(); }
-  VkQueryPool times() const { return times_; }
+  VkQueryPool times() const { return times_.pool(); }
   // Starts both.
   Status submit(std::span<const VulkanSemaphore> wait, std::span<const VulkanSemaphore> signal);
 
@@ -54,7 +55,7 @@ class FrameSlot {
   VkCommandPool pool_ = VK_NULL_HANDLE;
   std::array<VkCommandBuffer, 2> commands_{};
   VkFence fence_ = VK_NULL_HANDLE;
-  VkQueryPool times_ = VK_NULL_HANDLE;
+  Times times_;
   FrameCommands sets_;
   Buffer told_;
   bool on_its_way_ = false;

@@ -17,6 +17,7 @@
 #include "vulkan/frame_views.h"
 #include "vulkan/packed_segment.h"
 #include "vulkan/segment_cache.h"
+#include "vulkan/times.h"
 
 namespace stgs::player {
 namespace {
@@ -282,7 +283,8 @@ class ComputeRenderer final : public VulkanRenderer {
     barrier(device_, commands);
     STGS_TRY(sets.record(device_, pipelines_, segments_.memory(), buffers_, work, commands));
     STGS_TRY(device_.finish(commands));
-    STGS_ASSIGN(const std::vector<double> ms, times.between());
+    StepTimes ms{};
+    STGS_TRY(times.between(ms));
     profile.steps = steps_of(work, slot.counts(), ms);
     return profile;
   }

@@ -29,7 +29,9 @@ const char* name_of(PlayerState state) {
 }
 
 std::string megabits(double bits_per_second) {
-  return bits_per_second > 0 ? fmt::format("{:.3g} Mbit/s", 1e-6 * bits_per_second) : "-";
+  if (bits_per_second <= 0) return "-";
+  return bits_per_second < 1e8 ? fmt::format("{:.3g} Mbit/s", 1e-6 * bits_per_second)
+                               : fmt::format("{:.0f} Mbit/s", 1e-6 * bits_per_second);
 }
 
 void draw_statistics(Playback& playback, const OverlayFacts& facts) {

@@ -97,9 +97,9 @@ std::uint32_t Playback::frame() const {
 }
 
 double Playback::bits_per_second() const {
-  const double seconds = duration();
-  return seconds > 0 ? 8 * static_cast<double>(player_->timeline().reader().file_bytes()) / seconds
-                     : 0;
+  const player::Timeline& timeline = player_->timeline();
+  const double seconds = timeline.metadata().frames > 1 ? duration() : 0;
+  return seconds > 0 ? 8 * static_cast<double>(timeline.reader().file_bytes()) / seconds : 0;
 }
 
 double Playback::buffered_ahead() const {

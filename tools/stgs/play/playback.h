@@ -46,7 +46,7 @@ class Playback {
   bool loops() const { return loop_; }
   double duration() const;  // seconds
   std::uint32_t frame() const;
-  double bits_per_second() const;  // of the file, mean
+  double bits_per_second() const;  // of the file, mean; 0 of a single frame
   double buffered_ahead() const;   // seconds, in the direction of play
   // Whether nothing more of the moment is coming, and whether all of it is there.
   bool is_settled() const { return player_->settled(); }
