@@ -153,7 +153,7 @@ Status write_prepared_capture(const PreparedCapture& capture) {
   try {
     text = json.dump(1) + "\n";
   } catch (const Json::exception& error) {
-    return invalid_file("{}: a name is not UTF-8: {}", path, error.what());
+    return invalid_file("{}: a name is not UTF-8: {}", path, json_error(error));
   }
   return write_file_atomically(path,
                                {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});

@@ -244,9 +244,12 @@ class Verbs(unittest.TestCase):
         with open(VECTOR, "rb") as file:
             data = file.read()
         with FaultyServer(data, [{"status": 503}]) as server:
-            run = self.stgs("info", server.url)
+            place = server.url.replace("//", "//who:secret@") + "?key=secret"
+            run = self.stgs("info", place)
             self.assertEqual(run.returncode, 0)
-            self.assertRegex(run.stderr, rb"warning: http\S+ at byte 0: .* 503; trying again in 0.")
+            told = rb"warning: at byte 0: http://127.\S+: .* 503; trying again in 0."
+            self.assertRegex(run.stderr, told)
+            self.assertNotIn(b"secret", run.stderr)
         with FaultyServer(data, [{"status": 404}]) as server:
             run = self.stgs("info", server.url)
             self.assertEqual(run.returncode, 2)

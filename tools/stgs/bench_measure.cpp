@@ -112,9 +112,10 @@ std::string StepTable::to_text() const {
   for (const Row& row : rows_) {
     ms += percentile(row.ms, 0.5);
     floor += floor_ms(row);
-    text += fmt::format("  {:<10} {:>10.4f} {:>10.4f} {:>10.2f} {:>10.3f}\n", row.name,
+    const bool counted = operations_per_second_ > 0;
+    text += fmt::format("  {:<10} {:>10.4f} {:>10.4f} {:>10.2f} {:>10}\n", row.name,
                         percentile(row.ms, 0.5), floor_ms(row), 1e-6 * mean(row.bytes),
-                        1e-9 * mean(row.operations));
+                        counted ? fmt::format("{:.3f}", 1e-9 * mean(row.operations)) : "-");
   }
   return text + fmt::format("  {:<10} {:>10.4f} {:>10.4f}\n", "all", ms, floor);
 }

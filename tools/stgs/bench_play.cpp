@@ -57,7 +57,7 @@ class PlayerPlayback final : public MeasuredPlayback {
     take_events();
     int lost = 0;
     for (const Event& event : std::exchange(events_, {})) {
-      tell_event(session, player_->timeline().name(), event);
+      tell_event(session, event);
       lost += event.kind != Event::Kind::kRetry;
     }
     ever_lost_ |= lost > 0;

@@ -66,9 +66,8 @@ class Bench final : public Command {
     app.add_option("--fovea", fovea_radius_,
                    "Full resolution so many pixels around a camera's axis alone, half beyond")
         ->check(number_between(0, 1e6));
-    auto* steps =
-        app.add_flag("--steps", steps_,
-                     "Tell what each step of drawing takes, beside what it must move and compute");
+    auto* steps = app.add_flag(
+        "--steps", steps_, "Tell what each step of drawing takes, beside the least that it can");
     auto* play = app.add_option("--play", play_through_, "Play in order through this")
                      ->excludes(steps)
                      ->excludes(pictures)

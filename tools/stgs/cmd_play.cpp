@@ -53,7 +53,8 @@ class Play final : public Command {
         ->capture_default_str();
     auto* screenshot = app.add_option(
         "--screenshot", screenshot_,
-        "Write what the window shows to this .png, once all of the moment is there, and end");
+        "Write what the window shows to this .png, once all of the moment and the statistics are "
+        "there, and end; without --paused it plays on until then");
     app.add_option("--after", after_, "Of --screenshot: not before so many pictures")
         ->check(number_between(1, 1e9))
         ->capture_default_str()

@@ -45,11 +45,9 @@ const char* event_text(player::PlayerEvent::Kind kind) {
                                    : "damaged, left out";
 }
 
-void tell_event(Session& session, const std::string& file, const player::PlayerEvent& event) {
-  // The others' messages begin with the file.
-  const bool names_none = event.kind == player::PlayerEvent::Kind::kRetry;
-  session.log(1, fmt::format("{}at byte {}: {} ({})", names_none ? file + " " : "", event.offset,
-                             event.message, event_text(event.kind)));
+void tell_event(Session& session, const player::PlayerEvent& event) {
+  session.log(
+      1, fmt::format("at byte {}: {} ({})", event.offset, event.message, event_text(event.kind)));
 }
 
 void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,

@@ -19,7 +19,7 @@ Json losses_json(const player::Timeline& timeline);
 // What an event that has a message tells, in a few words.
 const char* event_text(player::PlayerEvent::Kind kind);
 // Warns of such an event.
-void tell_event(Session& session, const std::string& file, const player::PlayerEvent& event);
+void tell_event(Session& session, const player::PlayerEvent& event);
 
 // Warns of what could not be read of a whole file.
 void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,

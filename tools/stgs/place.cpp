@@ -9,9 +9,9 @@ namespace stgs::tools {
 Result<std::unique_ptr<ByteSource>> open_place(Session& session, const std::string& place) {
   player::HttpSettings settings;
   if (player::is_url(place)) settings.stop = session.stop_token();
-  settings.on_event = [&session, place](const player::TransferEvent& event) {
+  settings.on_event = [&session](const player::TransferEvent& event) {
     if (event.kind != player::TransferEvent::Kind::kRetry) return;  // the verb's error tells it
-    session.log(1, fmt::format("{} at byte {}: {}; trying again in {:.1f} s", place, event.offset,
+    session.log(1, fmt::format("at byte {}: {}; trying again in {:.1f} s", event.offset,
                                event.message, event.wait_seconds));
   };
   return player::open_place(place, settings);
@@ -26,7 +26,7 @@ Result<Scene> read_place(Session& session, const std::string& place) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(session, place));
   SceneLosses losses;
   STGS_ASSIGN(Scene scene, read_sound_scene(std::move(source), losses));
-  tell_losses(session, place, losses, scene.metadata.time_base);
+  tell_losses(session, player::shown_place(place), losses, scene.metadata.time_base);
   return scene;
 }
 

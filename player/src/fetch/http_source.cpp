@@ -19,20 +19,10 @@ constexpr double kLongestWaitAsked = 30;  // and where the server asks for it
 constexpr std::chrono::milliseconds kLook{250};
 constexpr std::size_t kHeadCompared = 4096;  // bytes that tell whether a file is still the same
 
-// The URL for messages: without who asks, and without a query, which may be a key.
-std::string shown_url(const std::string& url) {
-  const std::size_t host = url.find("//") + 2;
-  std::string shown = url.substr(0, std::min(url.find_first_of("?#", host), url.size()));
-  const std::size_t path = std::min(shown.find('/', host), shown.size());
-  const std::size_t user = shown.rfind('@', path);
-  if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
-  return shown;
-}
-
 class Http final : public HttpSource {
  public:
   Http(std::string url, HttpSettings settings)
-      : url_(std::move(url)), name_(shown_url(url_)), settings_(std::move(settings)) {
+      : url_(std::move(url)), name_(shown_place(url_)), settings_(std::move(settings)) {
     settings_.connections = std::max(settings_.connections, 1);
     settings_.tries = std::max(settings_.tries, 1);
   }
@@ -232,7 +222,8 @@ class Http final : public HttpSource {
     seconds *= std::uniform_real_distribution<double>(0.75, 1.0)(random_);
     seconds = std::max(seconds, std::min(attempt.retry_after, kLongestWaitAsked));
     lock.unlock();
-    tell(TransferEvent::Kind::kRetry, offset, seconds, attempt.reason);
+    tell(TransferEvent::Kind::kRetry, offset, seconds,
+         fmt::format("{}: {}", name_, attempt.reason));
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
     std::mutex none;
     std::unique_lock pause(none);

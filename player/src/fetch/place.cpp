@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cctype>
 #include <string_view>
 
@@ -11,6 +12,16 @@ bool is_url(const std::string& place) {
   std::string scheme = place.substr(0, std::string_view("https://").size());
   for (char& c : scheme) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return scheme.starts_with("http://") || scheme == "https://";
+}
+
+std::string shown_place(const std::string& place) {
+  if (!is_url(place)) return place;
+  const std::size_t host = place.find("//") + 2;
+  std::string shown = place.substr(0, std::min(place.find_first_of("?#", host), place.size()));
+  const std::size_t path = std::min(shown.find('/', host), shown.size());
+  const std::size_t user = shown.rfind('@', path);
+  if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
+  return shown;
 }
 
 Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,

@@ -43,7 +43,7 @@ Result<bool> Playback::is_open() {
   const bool ended = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
   {
     const std::lock_guard lock(opening_mutex_);
-    for (const PlayerEvent& event : opening_events_) tell_event(session_, settings_.file, event);
+    for (const PlayerEvent& event : opening_events_) tell_event(session_, event);
     opening_events_.clear();
   }
   if (!ended) return false;
@@ -56,7 +56,7 @@ Status Playback::begin() {
   tell_damage(session_, player_->timeline());
   if (settings_.seconds > duration()) {
     return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", settings_.seconds,
-                       settings_.file, duration());
+                       player::shown_place(settings_.file), duration());
   }
   loop_ = settings_.loop;
   player_->set_loop(loop_);
@@ -160,7 +160,7 @@ void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
     if (event.message.empty()) continue;
     notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
-    tell_event(session_, settings_.file, event);
+    tell_event(session_, event);
   }
 }
 

@@ -69,7 +69,7 @@ class Show {
 
   Status open() {
     // A wrong path is told before the window, or that there is no display for one.
-    if (!player::is_url(file())) STGS_TRY(player::open_place(file()).status());
+    if (!player::is_url(place())) STGS_TRY(player::open_place(place()).status());
     STGS_ASSIGN(window_, Window::make("stgs play " + file(), first_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
@@ -105,7 +105,8 @@ class Show {
   const ShowReport& report() const { return report_; }
 
  private:
-  const std::string& file() const { return settings_.playback.file; }
+  const std::string& place() const { return settings_.playback.file; }
+  std::string file() const { return player::shown_place(place()); }  // for messages
 
   Size first_size() const {
     if (settings_.size) return *settings_.size;
@@ -155,7 +156,7 @@ class Show {
       moved_ = dragged || flown;
       const OverlayFacts told = facts(now);
       if (overlay_) draw_overlay(playback_, told);
-      told_ = told.fps > 0 && frame_.number > 0;
+      told_ = told.fps > 0 && whole_from_ > 0 && frame_.number >= whole_from_;
     } else {
       (void)window_->take_drags();  // of nothing
       draw_opening(file());
@@ -196,6 +197,7 @@ class Show {
     to.wait = {{next.free, 0}};
     settled_ = playback_.is_settled();
     STGS_ASSIGN(number_, renderer_->submit(timeline, report_.seconds, {view}, to));
+    if (settled_ && whole_from_ == 0) whole_from_ = number_;
     STGS_ASSIGN(frame_, renderer_->last_ended());
     count_picture();
     return {};
@@ -370,12 +372,13 @@ class Show {
   std::uint64_t number_ = 0;   // of the last one that was submitted
   double last_ = now_seconds();
   bool is_open_ = false, overlay_ = true, save_ = false, settled_ = false, done_ = false;
-  bool told_ = false;     // whether the overlay has the figures of a picture
-  bool follows_ = false;  // the next picture the last, at once
-  double drawn_ = 0;      // the last picture, seconds
-  int cut_ = 0;           // tries at a screenshot that lacked splats
-  int late_ = 0;          // pictures in whose stead the next was to be kept
-  bool moved_ = false;    // the camera, or the viewer is about to
+  std::uint64_t whole_from_ = 0;  // the first picture of all that a moment has; 0: none yet
+  bool told_ = false;             // whether the overlay has the figures of such a picture
+  bool follows_ = false;          // the next picture the last, at once
+  double drawn_ = 0;              // the last picture, seconds
+  int cut_ = 0;                   // tries at a screenshot that lacked splats
+  int late_ = 0;                  // pictures in whose stead the next was to be kept
+  bool moved_ = false;            // the camera, or the viewer is about to
   std::future<Result<std::string>> saving_;
 };
 

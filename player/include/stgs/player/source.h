@@ -61,6 +61,9 @@ class HttpSource : public ByteSource {
 // Whether it begins with http:// or https://.
 bool is_url(const std::string& place);
 
+// The place for messages: a URL without who asks, and without a query, which may be a key.
+std::string shown_place(const std::string& place);
+
 // Errors: kIo where there is no answer or no such file, kUnsupported where the server does not
 // answer ranges, kNotBuilt without libcurl. Follows redirections; proxies are those of the
 // environment, as libcurl reads it.
