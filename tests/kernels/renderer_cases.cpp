@@ -556,7 +556,7 @@ TEST_CASE("what the steps of a frame take is told where the backend counts it") 
     CHECK(step.ms > 0);
     CHECK(step.bytes > 0);
   }
-  if (profile->operations_per_second > 0) {
+  if (device->name() != "vulkan") {  // which tells of no operations
     CHECK(profile->operations_per_second > 1e9);
     // Each pixel of a covered picture is evaluated; a contribution is an evaluation too.
     CHECK(profile->steps.back().operations > 150 * 90);

@@ -65,9 +65,9 @@ bool find_tile(uint v, uvec2 tiles, out uvec2 tile, out uint halvings) {
   halvings = 0u;
   if (!kFovea) return true;
   uint number = group_number(), first = frame.view[v].first_tile;
-  if (number >= patch_counts[2u * v + push.others]) return false;
+  if (number >= patch_counts[kPatchKinds * v + push.patches]) return false;
   uint last = first + tiles.x * tiles.y - 1u;
-  uint code = patch_list[push.others == 0u ? first + number : last - number];
+  uint code = patch_list[push.patches == kLongPatches ? first + number : last - number];
   halvings = code >> 31u;
   uint at = code & ~kHalvedPatch;
   tile = uvec2(at % tiles.x, at / tiles.x);

@@ -13,23 +13,23 @@
 layout(local_size_x = 256) in;
 layout(std430, set = 1, binding = 3) writeonly buffer PatchBuffer {
   uint patch_list[];  // a view's from its first tile on: from there those with long lists, from the
-                      // last tile backwards the others
+                      // last tile backwards those with short ones
 };
 
 const uint kLong = 1024u;  // splats
 
 // How many workgroups draw a view's patches. The last workgroup calls it.
 void plan_blend(uint thread) {
-  if (thread >= 2u * frame.views) return;
+  if (thread >= kPatchKinds * frame.views) return;
   work[kWorkPatches + thread] = work_for(atomicAdd(patch_counts[thread], 0u), 1u);
 }
 
-shared uint here[2];  // patches of the workgroup with long lists, with others
-shared uint before[2];
+shared uint here[kPatchKinds];  // patches of the workgroup
+shared uint before[kPatchKinds];
 
 void main() {
   uint thread = gl_LocalInvocationIndex, v = gl_WorkGroupID.y;
-  if (thread < 2u) here[thread] = 0u;
+  if (thread < kPatchKinds) here[thread] = 0u;
   barrier();
   uvec2 tiles = uvec2(frame.view[v].tiles_x, frame.view[v].tiles_y), squares = (tiles + 1u) / 2u;
   uint number = gl_WorkGroupID.x * kGroup + thread;
@@ -42,21 +42,22 @@ void main() {
     if (!inside || tile.x >= tiles.x || tile.y >= tiles.y || (halved && k > 0u)) continue;
     uint at = tile.y * tiles.x + tile.x;
     uvec2 range = tile_ranges[frame.view[v].first_tile + at];
-    uint others = range.y - ~range.x > kLong ? 0u : 1u;  // 1 where there is none
+    uint kind = range.y - ~range.x > kLong ? kLongPatches : kShortPatches;  // also where none is
     codes[count] = at | (halved ? kHalvedPatch : 0u);
-    places[count] = atomicAdd(here[others], 1u) | others << 31u;
+    places[count] = atomicAdd(here[kind], 1u) | kind << 31u;
     ++count;
   }
   barrier();
   if (thread == 0u) {  // as is_last has it
-    before[0] = atomicAdd(patch_counts[2u * v], here[0]);
-    before[1] = atomicAdd(patch_counts[2u * v + 1u], here[1]);
+    for (uint kind = 0u; kind < kPatchKinds; ++kind) {
+      before[kind] = atomicAdd(patch_counts[kPatchKinds * v + kind], here[kind]);
+    }
   }
   barrier();
   uint first = frame.view[v].first_tile, last = first + tiles.x * tiles.y - 1u;
   for (uint k = 0u; k < count; ++k) {
-    uint others = places[k] >> 31u, place = before[others] + (places[k] & 0x7FFFFFFFu);
-    patch_list[others == 1u ? last - place : first + place] = codes[k];
+    uint kind = places[k] >> 31u, place = before[kind] + (places[k] & 0x7FFFFFFFu);
+    patch_list[kind == kLongPatches ? first + place : last - place] = codes[k];
   }
   uint groups = gl_NumWorkGroups.x * gl_NumWorkGroups.y;
   if (is_last(kEndedFindPatches, groups, thread)) plan_blend(thread);

@@ -2,7 +2,7 @@
 // The buffers of a frame, and what every shader needs.
 #include "frame_layout.h"
 
-layout(constant_id = 2) const bool kFovea = false;  // whether a view has one
+layout(constant_id = 2) const bool kFovea = false;  // of lists and blends: whether a view has one
 
 layout(std430, set = 0, binding = 0) readonly buffer InputBuffer {
   FrameInput frame;
@@ -15,7 +15,7 @@ layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint instances;  // in all, also where they did not fit; kManyInstances at most
   uvec4 work[kWorks];
   uint ended[kEnded];
-  uint patch_counts[2u * kMostViews];  // of a view with long lists, and others: find_patches.comp
+  uint patch_counts[kPatchKinds * kMostViews];  // of each view each kind: find_patches.comp
 };
 // A visible primitive on the screen. At pixel offset (dx, dy), log2 of its alpha is
 // min(most, most + dx (half_xx dx + cross dy) + half_yy dy^2).

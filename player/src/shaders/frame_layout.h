@@ -44,11 +44,11 @@ const uint kNearGroups = 256u;
 const uint kNearSplats = 32u;
 
 // Instances of such a workgroup that go through shared memory, from where they are written side by
-// side: the splat's place among the workgroup's in the lowest bits, the quarters, from kStagedTile
-// on the tile, where a frame has so few.
+// side: the splat's place among the workgroup's in the lowest bits, then the quarters, then
+// the tile, where a frame has so few.
 const uint kListStage = 1536u;
-const uint kStagedMet = 8u, kStagedTile = 12u;
-const uint kMostStagedTiles = 1u << (32u - kStagedTile);
+const uint kStagedMetShift = 8u, kStagedTileShift = 12u;
+const uint kMostStagedTiles = 1u << (32u - kStagedTileShift);
 
 // Where those of a workgroup begin.
 STGS_FN uint list_begin(uint group) {
@@ -112,9 +112,13 @@ const uint kWorkCountTiles = 1u;  // workgroups for the visible splats
 const uint kWorkListTiles = 2u;   // the same
 const uint kWorkSortTiles = 3u;   // listed instances
 const uint kWorkFindRanges = 4u;  // listed instances
-// Of a view, what the blend draws where there are foveae: patches with long lists, with others.
-const uint kWorkPatches = 5u;
-const uint kWorks = 5u + 2u * kMostViews;
+// What the blend draws of a view where there are foveae: its patches with long lists, and with
+// short ones.
+const uint kLongPatches = 0u;
+const uint kShortPatches = 1u;
+const uint kPatchKinds = 2u;
+const uint kWorkPatches = 5u;  // from here on, of each view each kind
+const uint kWorks = 5u + kPatchKinds * kMostViews;
 
 // Of workgroups that have ended, in those dispatches that the last one goes on alone.
 const uint kEndedScanChunks = 0u;
@@ -139,7 +143,7 @@ struct Push {
   uint pixels;                          // kPixel...
   uint with_depth;                      // beside such pixels the plane of depth; 0: without
   uint view;                            // of the blend
-  uint others;  // 0 where it draws the patches with long lists, 1 the others
+  uint patches;                         // of it where there are foveae, k...Patches
 };
 
 STGS_LAYOUT_END

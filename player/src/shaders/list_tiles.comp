@@ -41,7 +41,7 @@ bool staged;
 void put(uint to, uint tile, uint of, uint met) {
   if (to >= end_place) return;
   if (staged) {
-    stage[to - first_place] = tile << kStagedTile | met << kStagedMet | of;
+    stage[to - first_place] = tile << kStagedTileShift | met << kStagedMetShift | of;
   } else {
     write_instance(to, tile, row_splats[of], met);
   }
@@ -101,7 +101,8 @@ void main() {
   barrier();
   for (uint k = thread; k < end_place - first_place; k += kGroup) {
     uint one = stage[k];
-    uint splat = row_splats[one & kGroup - 1u], met = one >> kStagedMet & (1u << kQuarters) - 1u;
-    write_instance(first_place + k, one >> kStagedTile, splat, met);
+    uint splat = row_splats[one & kGroup - 1u],
+         met = one >> kStagedMetShift & (1u << kQuarters) - 1u;
+    write_instance(first_place + k, one >> kStagedTileShift, splat, met);
   }
 }

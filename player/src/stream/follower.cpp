@@ -5,18 +5,10 @@
 #include <exception>
 #include <utility>
 
+#include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 
 namespace stgs::player {
-namespace {
-
-double clock_seconds() {
-  using Clock = std::chrono::steady_clock;
-  return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-}
-
-}  // namespace
-
 Follower::Follower(SegmentStore& store, std::shared_ptr<PieceSource> source, IndexCache cache,
                    const PlayerSettings& settings,
                    std::function<void(bool, const std::string&)> on_replaced)

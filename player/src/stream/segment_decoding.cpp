@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "stgs/format/parallel.h"
+#include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 #include "stream/segment_store.h"
 

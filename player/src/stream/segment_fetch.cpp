@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 #include "stream/segment_store.h"
 
@@ -25,11 +26,6 @@ constexpr double kLeastStretch = 64 << 10, kGreatestStretch = 1 << 20;
 constexpr double kAlone = 1;
 
 }  // namespace
-
-double SegmentStore::clock_seconds() {
-  using Clock = std::chrono::steady_clock;
-  return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-}
 
 // Whether a piece is still to be fetched, and soon enough to begin with it.
 bool SegmentStore::wanted(const Piece& piece, double now) const {

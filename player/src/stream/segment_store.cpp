@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "stgs/format/parallel.h"
+#include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 
 namespace stgs::player {

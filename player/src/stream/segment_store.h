@@ -126,7 +126,6 @@ class SegmentStore {
   bool harmonics_settled(std::uint32_t segment) const;
   bool has_no_room(const Piece& piece) const;
 
-  static double clock_seconds();
   bool goes_on(const SceneReader& reader) const;
   void take_reader(std::shared_ptr<const SceneReader> reader);
   void forget_segments();

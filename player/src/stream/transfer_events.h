@@ -2,7 +2,6 @@
 // What transfers met with, until it is asked for.
 #pragma once
 
-#include <chrono>
 #include <functional>
 #include <mutex>
 #include <string>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "stgs/player/player.h"
+#include "stream/clock_seconds.h"
 #include "stream/event_queue.h"
 #include "stream/no_memory.h"
 
@@ -52,10 +52,6 @@ class TransferEvents {
 
  private:
   static constexpr double kForgotten = 60;  // seconds
-  static double clock_seconds() {
-    using Clock = std::chrono::steady_clock;
-    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-  }
   void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
     PlayerEvent event = event_of(kind, offset, StatusCode::kIo, message);
     const std::lock_guard lock(mutex_);

@@ -21,7 +21,7 @@ struct Counts {
 };
 inline constexpr std::uint64_t kWorkBytes = 16;  // a row of `work`
 inline constexpr std::uint64_t kCountBytes =
-    sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded + 8 * kMostViews;
+    sizeof(Counts) + kWorks * kWorkBytes + 4 * kEnded + 4 * kPatchKinds * kMostViews;
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;

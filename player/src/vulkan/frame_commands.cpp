@@ -302,7 +302,7 @@ class FrameCommands::Recorder {
   }
 
   // Of view v's picture, with what it is drawn from.
-  void begin_blend(Shader shader, std::uint32_t v, std::uint32_t others) {
+  void begin_blend(Shader shader, std::uint32_t v, std::uint32_t patches) {
     const PictureBuffers& picture = work_.pictures[v];
     bind(0, frame_sets_[v]);
     bind(1, blend_sets_[v]);
@@ -310,7 +310,7 @@ class FrameCommands::Recorder {
     push.pixels = picture.pixels;
     push.with_depth = picture.planes[kPlanes - 1].buffer != VK_NULL_HANDLE ? 1u : 0u;
     push.view = v;
-    push.others = others;
+    push.patches = patches;
     use(shader, push);
   }
 
@@ -343,11 +343,11 @@ class FrameCommands::Recorder {
   Status blend_patches() {
     STGS_TRY(find_patches());
     wait();
-    for (std::uint32_t others = 0; others < 2; ++others) {
+    for (const std::uint32_t patches : {kLongPatches, kShortPatches}) {
       for (std::uint32_t v = 0; v < work_.input->views; ++v) {
-        begin_blend(Shader::kBlendFovea, v, others);
+        begin_blend(Shader::kBlendFovea, v, patches);
         device_.vk.vkCmdDispatchIndirect(commands_, b_.counts.handle(),
-                                         work_offset(kWorkPatches + 2 * v + others));
+                                         work_offset(kWorkPatches + kPatchKinds * v + patches));
       }
     }
     return {};
