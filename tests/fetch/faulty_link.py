@@ -61,6 +61,8 @@ class FaultyLink:
                         client.sendall(data)
                         if left <= 0:
                             break
+            if "do" in fault:
+                fault["do"]()
             if "stall" in fault:
                 self.ended.wait()
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

@@ -187,42 +187,54 @@ class PlayNginx(unittest.TestCase):
         out = self.over_link([{}, {"stall": self.size // 16}, {}, {"stall": 0}], 3)
         self.assertGreater(out["counts"].get("retry", 0), 0, out)
 
-    def while_it_plays(self, change, seconds):
-        """Calls `change` while the file comes by many requests: the first connections are cut after a
-        tenth of it each, for which they take more than half a second."""
-        cuts = [{"cut": self.size // 10}] * 12
-        with Nginx(self.folder, limit=str(self.size // 16)) as server:
+    def while_it_plays(self, take_away, put_back, seconds):
+        """Takes the file away when the first tenth of it has come over one connection, which is cut
+        then, and puts it back a second after somebody has connected to ask for more."""
+        cuts = [{"cut": self.size // 10} for _ in range(12)]
+        with Nginx(self.folder) as server:
             with FaultyLink(server.port, cuts) as link:
-                changing = threading.Timer(0.3, change)
-                changing.start()
+                def put_back_when_missed(connected):
+                    while link.connections == connected and not link.ended.is_set():
+                        time.sleep(0.01)
+                    link.ended.wait(1)
+                    put_back()
+
+                missing = []
+
+                def begin():
+                    take_away()
+                    missing.append(threading.Thread(target=put_back_when_missed,
+                                                    args=[link.connections]))
+                    missing[0].start()
+
+                cuts[0]["do"] = begin
                 out = self.play(link.url, seconds)
-                changing.join()
+            self.assertTrue(missing, "no connection was cut")
+            missing[0].join()
         return out
 
     def test_a_404_in_mid_stream(self):
-        def lose_for_a_while():
-            os.rename(self.served, self.served + ".away")
-            time.sleep(1)
-            os.rename(self.served + ".away", self.served)
-
-        out = self.while_it_plays(lose_for_a_while, 4)
+        away = self.served + ".away"
+        out = self.while_it_plays(lambda: os.rename(self.served, away),
+                                  lambda: os.rename(away, self.served), 4)
         self.recovers(out)
         self.assertGreater(out["counts"].get("lost", 0), 0, out)
         self.assertTrue(any("404" in m for m in out["messages"]), out)
 
     def test_a_file_that_is_replaced_and_put_back(self):
         """By a smaller and by a larger one."""
-        def replace_for_a_while(size):
-            os.rename(self.served, self.served + ".away")
-            with open(self.served + ".other", "wb") as other:
-                other.write((bytes(range(256)) * (size // 256 + 1))[:size])
-            os.rename(self.served + ".other", self.served)
-            time.sleep(1)
-            os.rename(self.served + ".away", self.served)
+        away, other = self.served + ".away", self.served + ".other"
 
-        for size in (self.size // 256 * 256, self.size + 1000):
+        def replace(size):
+            with open(other, "wb") as file:
+                file.write((bytes(range(256)) * (size // 256 + 1))[:size])
+            os.link(self.served, away)
+            os.replace(other, self.served)
+
+        for size in ((self.size - 1) // 256 * 256, self.size + 1000):
             with self.subTest(size=size):
-                out = self.while_it_plays(lambda n=size: replace_for_a_while(n), 4)
+                out = self.while_it_plays(lambda n=size: replace(n),
+                                          lambda: os.replace(away, self.served), 4)
                 self.recovers(out)  # nothing of the other is taken for it
                 self.assertEqual(out["counts"].get("replaced", 0), 1, out)
                 self.assertEqual(out["counts"].get("damaged", 0), 0, out)
