@@ -146,7 +146,7 @@ Result<bool> DeviceSegments::send_piece(const Timeline::Needed& needed) {
 
 // A quarter of the time from picture to picture.
 DeviceSegments::Clock::duration DeviceSegments::time_to_send(bool playing) {
-  const Clock::time_point before = std::exchange(called_, Clock::now());
+  const Clock::time_point before = std::exchange(called_, now());
   if (!std::exchange(played_, playing)) return kLeastSending;
   return std::clamp<Clock::duration>((called_ - before) / 4, kLeastSending, kMostSending);
 }
@@ -163,12 +163,12 @@ Status DeviceSegments::send_decoded(const Timeline& timeline,
     const bool may_wait = playing && (!first || held_.contains(one->segment));
     for (bool more = true; more && !(may_wait && waits);) {
       STGS_ASSIGN(more, send_piece(*one));
-      if (may_wait) waits = Clock::now() >= called_ + time;
+      if (may_wait) waits = now() >= called_ + time;
     }
   }
   for (const Timeline::Needed* one : ahead) {
     bool more = true;
-    while (more && Clock::now() < called_ + kLeastSending) {
+    while (more && now() < called_ + kLeastSending) {
       // The picture does without; where it cannot be sent when it is needed, that is told.
       const Result<bool> sent = send_piece(*one);
       if (!sent.ok()) return {};

@@ -53,9 +53,11 @@ class DeviceSegments {
   Status send_all(std::uint32_t segment, const Gaussians4D& set);
   // Lets go of all. A backend calls it before its memory goes.
   void clear();
+  using Clock = std::chrono::steady_clock;
+  // The clock that limits what is sent for a picture while somebody plays.
+  virtual Clock::time_point now() const { return Clock::now(); }
 
  private:
-  using Clock = std::chrono::steady_clock;
   struct Arriving {
     std::weak_ptr<const Gaussians4D> set;
     std::size_t sent = 0;  // of its primitives
