@@ -188,29 +188,27 @@ class PlayNginx(unittest.TestCase):
         self.assertGreater(out["counts"].get("retry", 0), 0, out)
 
     def while_it_plays(self, take_away, put_back, seconds):
-        """Takes the file away when the first tenth of it has come over one connection, which is cut
-        then, and puts it back a second after somebody has connected to ask for more."""
-        cuts = [{"cut": self.size // 10} for _ in range(12)]
-        with Nginx(self.folder) as server:
-            with FaultyLink(server.port, cuts) as link:
-                def put_back_when_missed(connected):
-                    while link.connections == connected and not link.ended.is_set():
-                        time.sleep(0.01)
-                    link.ended.wait(1)
-                    put_back()
+        """Takes the file away when a tenth of it has come over one connection, which is cut then, as
+        the next ones are, and puts it back a second after somebody has connected to ask for more."""
+        first, missing = threading.Lock(), []
+        with Nginx(self.folder) as server, FaultyLink(server.port) as link:
+            def put_back_when_missed(connected):
+                while link.connections == connected and not link.ended.is_set():
+                    time.sleep(0.01)
+                link.ended.wait(1)
+                put_back()
 
-                missing = []
-
-                def begin():
+            def begin():
+                if first.acquire(blocking=False):
                     take_away()
                     missing.append(threading.Thread(target=put_back_when_missed,
                                                     args=[link.connections]))
                     missing[0].start()
 
-                cuts[0]["do"] = begin
-                out = self.play(link.url, seconds)
-            self.assertTrue(missing, "no connection was cut")
-            missing[0].join()
+            link.faults = [{"cut": self.size // 10, "do": begin}] * 12
+            out = self.play(link.url, seconds)
+        self.assertTrue(missing, "no connection was cut")
+        missing[0].join()
         return out
 
     def test_a_404_in_mid_stream(self):
