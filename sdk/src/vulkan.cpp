@@ -31,11 +31,16 @@ stgs_vulkan_target default_target() {
 
 // The device as the player takes it, with what it was made with; `made` outlives its use.
 struct MadeWith {
+  VkPhysicalDeviceSubgroupSizeControlFeatures sizes{};
   VkPhysicalDeviceTimelineSemaphoreFeatures timeline{};
   VkPhysicalDeviceFeatures2 features{};
 };
 stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& made) {
+  made.sizes.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES;
+  made.sizes.subgroupSizeControl = made.sizes.computeFullSubgroups =
+      from.subgroup_size_control != 0 ? VK_TRUE : VK_FALSE;
   made.timeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
+  made.timeline.pNext = &made.sizes;
   made.timeline.timelineSemaphore = from.timeline_semaphores != 0 ? VK_TRUE : VK_FALSE;
   made.features.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
   made.features.pNext = &made.timeline;
@@ -46,10 +51,9 @@ stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& m
   device.physical_device = from.physical_device;
   device.device = from.device;
   device.features = &made.features;
-  // Of the core from 1.2 on, where nobody looks for it.
-  if (from.timeline_semaphores != 0) {
-    device.extensions = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
-  }
+  // Where they are of the core nobody looks for them.
+  device.extensions = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME,
+                       VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME};
   device.queue_family = from.queue_family;
   device.queue = from.queue;
   const auto calling = [user = from.queue_user](void (*function)(void*)) -> std::function<void()> {
@@ -161,6 +165,7 @@ stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
     out.struct_size = sizeof(out);
     out.can_draw = found->lacks.empty() ? 1 : 0;
     out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
+    out.subgroup_size_control = found->subgroup_size_control ? 1 : 0;
     found->lacks.copy(out.lacks, sizeof(out.lacks) - 1);
     give_struct(support, out);
     return STGS_OK;

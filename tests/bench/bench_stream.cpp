@@ -3,19 +3,22 @@
 // bandwidth and a latency that is played here, as a JSON line. A bandwidth of 0: no such link. A
 // seek is over when the base of the sought frame is there, decoded; complete: all its layers. With
 // memory for little more than what is alive each seek fetches and decodes anew, but for what lasts;
-// else later ones find much there.
+// else later ones find much there. With a backend what has come is drawn as well, at 1920x1080 and
+// into the backend's memory: `drawn` is over when that picture is.
 //
-// usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]
+// usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB [BACKEND]]]]
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <mutex>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <thread>
 
 #include "stgs/player/player.h"
+#include "stgs/player/renderer.h"
 #include "stgs/player/source.h"
 
 using namespace stgs;
@@ -70,16 +73,36 @@ void check(const Status& status) {
 }
 
 struct Times {
-  std::vector<double> ready, complete;  // ms
+  std::vector<double> ready, complete;              // ms
+  std::vector<double> drawn_ready, drawn_complete;  // where there is a renderer
 };
 
-void wait(Player& player, double begin, Times& times) {
-  double ready = -1;
+// Draws the player's moment, where there is something to draw it with, and tells when that is over.
+void draw(Player& player, Renderer* renderer, double begin, std::vector<double>& drawn) {
+  if (renderer == nullptr) return;
+  View view{};
+  view.camera.rotation.xx = view.camera.rotation.yy = view.camera.rotation.zz = 1;
+  view.camera.fx = view.camera.fy = view.camera.cx = 960;
+  view.camera.cy = 540;
+  view.camera.width = 1920;
+  view.camera.height = 1080;
+  view.camera.near_plane = player.timeline().metadata().near_plane;
+  check(renderer->draw(player.timeline(), player.seconds(), {view}, nullptr));
+  drawn.push_back(1e3 * (seconds() - begin));
+}
+
+void wait(Player& player, Renderer* renderer, double begin, Times& times) {
+  bool ready = false;
   for (double now = seconds(); now < begin + kLongest; now = seconds()) {
-    if (ready < 0 && player.ready()) ready = now;
-    if (ready >= 0 && player.layers() == player.layers_of_file()) {
-      times.ready.push_back(1e3 * (ready - begin));
+    if (!ready && player.ready()) {
+      ready = true;
+      times.ready.push_back(1e3 * (now - begin));
+      draw(player, renderer, begin, times.drawn_ready);
+      now = seconds();
+    }
+    if (ready && player.layers() == player.layers_of_file()) {
       times.complete.push_back(1e3 * (now - begin));
+      draw(player, renderer, begin, times.drawn_complete);
       return;
     }
     std::this_thread::sleep_for(std::chrono::microseconds(200));
@@ -99,15 +122,32 @@ double share(std::vector<double> values, double of) {
   return values[std::max<std::size_t>(rank, 1) - 1];
 }
 
+// Median and 95th percentile of what was measured; null where nothing was.
+nlohmann::json spread(const std::vector<double>& values) {
+  if (values.empty()) return nullptr;
+  return {{"p50", share(values, 0.5)}, {"p95", share(values, 0.95)}};
+}
+
+nlohmann::json first_of(const std::vector<double>& values) {
+  return values.empty() ? nlohmann::json() : nlohmann::json(values.front());
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2 || argc > 6 || argc == 3) {
+  if (argc < 2 || argc > 7 || argc == 3) {
     std::fprintf(stderr,
-                 "usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB]]]\n");
+                 "usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB "
+                 "[BACKEND]]]]\n");
     return 1;
   }
   const int seeks = argc > 4 ? std::atoi(argv[4]) : 40;
+  std::unique_ptr<Renderer> renderer;
+  if (argc > 6) {
+    auto made = make_renderer(argv[6]);
+    check(made.status());
+    renderer = std::move(*made);
+  }
   const double begin = seconds();
   auto place = open_place(argv[1]);
   check(place.status());
@@ -122,22 +162,27 @@ int main(int argc, char** argv) {
   check(player.status());
   const double opened = seconds();
   Times first, sought;
-  wait(**player, begin, first);
+  wait(**player, renderer.get(), begin, first);
   std::mt19937 random(1);
   const std::uint32_t frames = (*player)->timeline().metadata().frames;
   for (int k = 0; k < seeks; ++k) {
     const double start = seconds();
     check((*player)->seek_frame(static_cast<std::uint32_t>(random() % frames)));
-    wait(**player, start, sought);
+    wait(**player, renderer.get(), start, sought);
   }
   const StreamStatistics statistics = (*player)->statistics();
-  std::printf(
-      "{\"open_ms\": %.1f, \"base_ms\": %.1f, \"complete_ms\": %.1f, \"seeks\": %d, "
-      "\"seek_ms\": {\"p50\": %.1f, \"p95\": %.1f}, \"seek_complete_ms\": {\"p50\": %.1f, "
-      "\"p95\": %.1f}, \"fetched_bytes\": %llu, \"memory_bytes\": %llu}\n",
-      1e3 * (opened - begin), first.ready[0], first.complete[0], seeks, share(sought.ready, 0.5),
-      share(sought.ready, 0.95), share(sought.complete, 0.5), share(sought.complete, 0.95),
-      static_cast<unsigned long long>(statistics.fetched_bytes),
-      static_cast<unsigned long long>(statistics.memory_bytes));
+  const nlohmann::json out = {{"open_ms", 1e3 * (opened - begin)},
+                              {"base_ms", first_of(first.ready)},
+                              {"base_drawn_ms", first_of(first.drawn_ready)},
+                              {"complete_ms", first_of(first.complete)},
+                              {"complete_drawn_ms", first_of(first.drawn_complete)},
+                              {"seeks", seeks},
+                              {"seek_ms", spread(sought.ready)},
+                              {"seek_drawn_ms", spread(sought.drawn_ready)},
+                              {"seek_complete_ms", spread(sought.complete)},
+                              {"seek_complete_drawn_ms", spread(sought.drawn_complete)},
+                              {"fetched_bytes", statistics.fetched_bytes},
+                              {"memory_bytes", statistics.memory_bytes}};
+  std::printf("%s\n", out.dump().c_str());
   return 0;
 }

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "scene_fixture.h"
+#include "vulkan/features.h"
 #include "vulkan/vulkan_renderer.h"
 
 using namespace stgs;
@@ -161,6 +162,53 @@ VulkanHost& host() {
 }
 
 }  // namespace
+
+TEST_CASE("a device is taken to be made with what it was made with, and no more") {
+  VulkanDevice lent = host().device();
+  const VkPhysicalDevice gpu = lent.physical_device;
+  const auto offered = vulkan_support(nullptr, lent.instance, lent.api_version, gpu);
+  check(offered.status());
+  CHECK(vulkan::enabled_features(lent).timeline_semaphores == offered->timeline_semaphores);
+  CHECK(vulkan::enabled_features(lent).subgroup_size_control == offered->subgroup_size_control);
+  lent.api_version = VK_API_VERSION_1_1;
+  lent.extensions.clear();
+  CHECK_FALSE(vulkan::enabled_features(lent).timeline_semaphores);
+  CHECK_FALSE(vulkan::enabled_features(lent).subgroup_size_control);
+  // Of the core: both of the two features of subgroups count, in either structure.
+  VkPhysicalDeviceVulkan13Features core{};
+  core.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES;
+  VkPhysicalDeviceVulkan12Features before{};
+  before.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES;
+  before.pNext = &core;
+  VkPhysicalDeviceFeatures2 features{};
+  features.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
+  features.pNext = &before;
+  lent.api_version = VK_API_VERSION_1_3;
+  lent.features = &features;
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(gpu, &properties);
+  const bool is_1_3 = properties.apiVersion >= VK_API_VERSION_1_3;
+  before.timelineSemaphore = core.subgroupSizeControl = VK_TRUE;
+  CHECK(vulkan::enabled_features(lent).timeline_semaphores);
+  CHECK_FALSE(vulkan::enabled_features(lent).subgroup_size_control);
+  core.computeFullSubgroups = VK_TRUE;
+  CHECK(vulkan::enabled_features(lent).subgroup_size_control == is_1_3);
+  lent.features = nullptr;
+  CHECK_FALSE(vulkan::enabled_features(lent).timeline_semaphores);
+}
+
+TEST_CASE("a size of subgroups is asked for where the device was made so that it can be") {
+  const VkPhysicalDevice gpu = host().device().physical_device;
+  const vulkan::Features made = vulkan::enabled_features(host().device());
+  const vulkan::Subgroups with = vulkan::subgroups_of(gpu, made);
+  const vulkan::Subgroups without = vulkan::subgroups_of(gpu, {});
+  CHECK_FALSE(without.required);
+  if (without.lanes != 0) CHECK(with.lanes == without.lanes);
+  if (with.required) {
+    CHECK(made.subgroup_size_control);
+    CHECK((with.lanes == 16 || with.lanes == 32));
+  }
+}
 
 TEST_CASE("images of every format have the CPU's picture") {
   const auto renderer = renderer_on(host());

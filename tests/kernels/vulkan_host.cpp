@@ -23,9 +23,9 @@ std::vector<std::string>& VulkanHost::messages() {
   return all;
 }
 
-std::unique_ptr<VulkanHost> VulkanHost::make(bool timeline_semaphores) {
+std::unique_ptr<VulkanHost> VulkanHost::make(bool features) {
   std::unique_ptr<VulkanHost> host(new VulkanHost);
-  if (!host->make_instance() || !host->make_device(timeline_semaphores)) return nullptr;
+  if (!host->make_instance() || !host->make_device(features)) return nullptr;
   return host;
 }
 
@@ -62,7 +62,7 @@ bool VulkanHost::make_instance() {
   return true;
 }
 
-bool VulkanHost::make_device(bool timeline_semaphores) {
+bool VulkanHost::make_device(bool features) {
   std::uint32_t count = 1;
   if (vkEnumeratePhysicalDevices(device_.instance, &count, &device_.physical_device) < 0 ||
       count == 0) {
@@ -83,7 +83,15 @@ bool VulkanHost::make_device(bool timeline_semaphores) {
   queue.queueCount = 1;
   queue.pQueuePriorities = &priority;
   timeline_.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
-  timeline_.timelineSemaphore = timeline_semaphores ? VK_TRUE : VK_FALSE;
+  timeline_.timelineSemaphore = features ? VK_TRUE : VK_FALSE;
+  const auto offered = player::vulkan_support(nullptr, device_.instance, device_.api_version,
+                                              device_.physical_device);
+  if (features && offered.ok() && offered->subgroup_size_control) {
+    sizes_.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES;
+    sizes_.subgroupSizeControl = sizes_.computeFullSubgroups = VK_TRUE;
+    timeline_.pNext = &sizes_;
+    device_.extensions = {VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME};
+  }
   features_.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
   features_.pNext = &timeline_;
   VkDeviceCreateInfo info{};
@@ -91,6 +99,9 @@ bool VulkanHost::make_device(bool timeline_semaphores) {
   info.pNext = &features_;
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
+  const char* const extension = VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME;
+  info.enabledExtensionCount = static_cast<std::uint32_t>(device_.extensions.size());
+  info.ppEnabledExtensionNames = &extension;
   if (vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device) != VK_SUCCESS) {
     device_.device = VK_NULL_HANDLE;
     return false;

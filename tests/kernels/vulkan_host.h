@@ -25,8 +25,9 @@ struct HostImage {
 // Ends the program with a message where Vulkan fails.
 class VulkanHost {
  public:
-  // Null where there is no loader or no device. `features`: made with timeline semaphores.
-  static std::unique_ptr<VulkanHost> make(bool timeline_semaphores);
+  // Null where there is no loader or no device. `features`: made with those that the renderer can
+  // use and the device has.
+  static std::unique_ptr<VulkanHost> make(bool features);
   ~VulkanHost();
   VulkanHost(const VulkanHost&) = delete;
   VulkanHost& operator=(const VulkanHost&) = delete;
@@ -48,10 +49,11 @@ class VulkanHost {
  private:
   VulkanHost() = default;
   bool make_instance();
-  bool make_device(bool timeline_semaphores);
+  bool make_device(bool features);
   VkDeviceMemory allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties);
 
   player::VulkanDevice device_;
+  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};
   VkPhysicalDeviceTimelineSemaphoreFeatures timeline_{};
   VkPhysicalDeviceFeatures2 features_{};
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;

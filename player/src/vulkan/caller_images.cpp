@@ -39,7 +39,7 @@ Status check_image(const Device& device, const View& view, const VulkanImage& im
 Status check_semaphores(const Device& device, const std::vector<VulkanSemaphore>& semaphores) {
   for (const VulkanSemaphore& one : semaphores) {
     if (one.semaphore == VK_NULL_HANDLE) return usage_error("a Vulkan semaphore is missing");
-    if (one.value > 0 && !device.has_timeline_semaphores()) {
+    if (one.value > 0 && !device.features().timeline_semaphores) {
       return unsupported(
           "the Vulkan device was made without timeline semaphores: enable the feature "
           "timelineSemaphore (before Vulkan 1.2 the extension VK_KHR_timeline_semaphore too), and "

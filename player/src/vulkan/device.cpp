@@ -19,6 +19,7 @@ constexpr std::uint32_t kSharedBytes = 16384;
 // Of sort_scatter_ballot.comp with 16 lanes: keys and values, places and digits, sums.
 constexpr std::uint32_t kBallotSharedBytes = 8 * kSortTile + 2 * 4 * kDigits + 4 * 2 * 16;
 static_assert(kBallotSharedBytes == 18560);
+constexpr std::uint32_t kOwnVersion = VK_API_VERSION_1_1;  // of an instance of our own
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 // How long a frame is looked for before its interrupt is waited for: longer than most take.
 constexpr std::chrono::milliseconds kLookedFor{4};
@@ -53,30 +54,6 @@ std::string lacking(VkPhysicalDevice device) {
   return {};
 }
 
-bool has_extension(VkPhysicalDevice device, const char* name) {
-  std::uint32_t count = 0;
-  vkEnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr);
-  std::vector<VkExtensionProperties> extensions(count);
-  vkEnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data());
-  return std::any_of(extensions.begin(), extensions.end(), [=](const VkExtensionProperties& one) {
-    return std::strcmp(one.extensionName, name) == 0;
-  });
-}
-
-// The size of the device's subgroups where all have one, else 0. Without that promise, the
-// invocations of a workgroup may be in more subgroups than their size tells; with it, those of one
-// whose size is a multiple of theirs fill them.
-std::uint32_t fixed_subgroups(VkPhysicalDevice device) {
-  if (!has_extension(device, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME)) return 0;
-  auto sizes = structure<VkPhysicalDeviceSubgroupSizeControlProperties>(
-      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_PROPERTIES);
-  auto properties =
-      structure<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2);
-  properties.pNext = &sizes;
-  vkGetPhysicalDeviceProperties2(device, &properties);
-  return sizes.minSubgroupSize == sizes.maxSubgroupSize ? sizes.minSubgroupSize : 0;
-}
-
 bool computes(const VkQueueFamilyProperties& family) {
   return (family.queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
 }
@@ -105,47 +82,6 @@ Status load_instance(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstanc
   }
   volkLoadInstanceOnly(instance);
   return {};
-}
-
-// Whether a device can be made with timeline semaphores.
-bool offers_timeline_semaphores(VkPhysicalDevice device, std::uint32_t api_version) {
-  VkPhysicalDeviceProperties properties{};
-  vkGetPhysicalDeviceProperties(device, &properties);
-  const bool core = std::min(api_version, properties.apiVersion) >= VK_API_VERSION_1_2;
-  if (!core && !has_extension(device, VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME)) return false;
-  auto timeline = structure<VkPhysicalDeviceTimelineSemaphoreFeatures>(
-      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES);
-  auto features =
-      structure<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
-  features.pNext = &timeline;
-  vkGetPhysicalDeviceFeatures2(device, &features);
-  return timeline.timelineSemaphore == VK_TRUE;
-}
-
-// Whether a device was made so that it has timeline semaphores.
-bool enables_timeline_semaphores(const VulkanDevice& lent) {
-  VkPhysicalDeviceProperties properties{};
-  vkGetPhysicalDeviceProperties(lent.physical_device, &properties);
-  const bool core = std::min(lent.api_version, properties.apiVersion) >= VK_API_VERSION_1_2;
-  const auto& names = lent.extensions;
-  if (!core && std::find(names.begin(), names.end(), VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME) ==
-                   names.end()) {
-    return false;
-  }
-  const auto* next = reinterpret_cast<const VkBaseInStructure*>(lent.features);
-  for (; next != nullptr; next = next->pNext) {
-    if (next->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES &&
-        reinterpret_cast<const VkPhysicalDeviceTimelineSemaphoreFeatures*>(next)
-                ->timelineSemaphore == VK_TRUE) {
-      return true;
-    }
-    if (next->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES &&
-        reinterpret_cast<const VkPhysicalDeviceVulkan12Features*>(next)->timelineSemaphore ==
-            VK_TRUE) {
-      return true;
-    }
-  }
-  return false;
 }
 
 }  // namespace
@@ -207,7 +143,7 @@ Status Device::borrow(const VulkanDevice& lent) {
   }
   borrowed_ = true;
   context_ = lent;
-  timeline_semaphores_ = enables_timeline_semaphores(lent);
+  features_ = enabled_features(lent);
   context_.features = nullptr;  // the caller's, for now only
   keep_functions();
   volkLoadDeviceTable(&vk, context_.device);
@@ -226,6 +162,7 @@ Status Device::make_instance() {
     return unsupported("there is no Vulkan loader (libvulkan.so.1); use backend 'cpu'");
   }
   VulkanInstanceSettings settings;
+  settings.api_version = kOwnVersion;
   if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
   VulkanInstance made;
   const VkResult result = make_vulkan_instance(settings, made);
@@ -272,6 +209,17 @@ Status Device::open() {
   auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
+  features_.subgroup_size_control =
+      offered_features(context_.physical_device, kOwnVersion).subgroup_size_control;
+  auto sizes = structure<VkPhysicalDeviceSubgroupSizeControlFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES);
+  sizes.subgroupSizeControl = sizes.computeFullSubgroups = VK_TRUE;
+  const char* const extension = VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME;
+  if (features_.subgroup_size_control) {
+    info.pNext = &sizes;
+    info.enabledExtensionCount = 1;
+    info.ppEnabledExtensionNames = &extension;
+  }
   const VkResult result =
       vkCreateDevice(context_.physical_device, &info, nullptr, &context_.device);
   if (result != VK_SUCCESS) context_.device = VK_NULL_HANDLE;
@@ -297,14 +245,13 @@ void Device::learn_limits() {
   most_range_ =
       std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
   if (settings_.range_bytes > 0) most_range_ = std::min(most_range_, settings_.range_bytes);
-  const std::uint32_t lanes = fixed_subgroups(context_.physical_device);
+  subgroups_ = subgroups_of(context_.physical_device, features_);
   constexpr VkSubgroupFeatureFlags kOperations =
       VK_SUBGROUP_FEATURE_BALLOT_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_RELATIVE_BIT;
   const bool ballot = (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) != 0 &&
                       (subgroups.supportedOperations & kOperations) == kOperations &&
-                      (lanes == 16 || lanes == 32) &&
                       limits.maxComputeSharedMemorySize >= kBallotSharedBytes;
-  ballot_lanes_ = ballot && settings_.ballot ? lanes : 0;
+  if (!ballot || !settings_.ballot) subgroups_ = {};
   const std::uint32_t bits =
       families_of(context_.physical_device)[context_.queue_family].timestampValidBits;
   if (bits == 0) return;
@@ -401,8 +348,9 @@ Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc
   }
   const std::lock_guard lock(vulkan::volk_in_use);
   STGS_TRY(vulkan::load_instance(get_instance_proc_addr, instance, api_version));
-  return VulkanSupport{vulkan::lacking(physical_device),
-                       vulkan::offers_timeline_semaphores(physical_device, api_version)};
+  const vulkan::Features offered = vulkan::offered_features(physical_device, api_version);
+  return VulkanSupport{vulkan::lacking(physical_device), offered.timeline_semaphores,
+                       offered.subgroup_size_control};
 }
 
 }  // namespace stgs::player

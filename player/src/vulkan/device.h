@@ -10,6 +10,7 @@
 
 #include "stgs/format/status.h"
 #include "stgs/player/vulkan_renderer.h"
+#include "vulkan/features.h"
 #include "vulkan/vulkan_renderer.h"
 
 namespace stgs::player::vulkan {
@@ -48,11 +49,12 @@ class Device {
   VolkDeviceTable vk{};
   VkDevice handle() const { return context_.device; }
   std::uint32_t family() const { return context_.queue_family; }
-  bool has_timeline_semaphores() const { return timeline_semaphores_; }
+  const Features& features() const { return features_; }
   VkFormatFeatureFlags features_of(VkFormat format) const;  // of images with optimal tiling
   std::uint64_t most_range() const { return most_range_; }  // bytes of a storage buffer
-  // Of the subgroups if the ballot shaders run with them, else 0.
-  std::uint32_t ballot_lanes() const { return ballot_lanes_; }
+  // Those that the ballot shaders run with; none where they do not.
+  const Subgroups& subgroups() const { return subgroups_; }
+  bool ballots() const { return subgroups_.lanes != 0; }
   // Nanoseconds a step of a timestamp; 0 where there are none.
   double timestamp_ns() const { return timestamp_ns_; }
   std::uint64_t timestamp_mask() const { return timestamp_mask_; }
@@ -75,7 +77,9 @@ class Device {
 
   VulkanSettings settings_;
   VulkanDevice context_;
-  bool borrowed_ = false, timeline_semaphores_ = false;
+  Features features_;  // that the device was made with
+  Subgroups subgroups_;
+  bool borrowed_ = false;
   bool shares_processors_ = false;  // with the host
   InstanceFunctions instance_;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
@@ -84,7 +88,6 @@ class Device {
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
   VkFence fence_ = VK_NULL_HANDLE;
   std::uint64_t most_range_ = 0, timestamp_mask_ = 0;
-  std::uint32_t ballot_lanes_ = 0;
   double timestamp_ns_ = 0;
 };
 

@@ -253,7 +253,7 @@ class FrameCommands::Recorder {
   }
 
   Status bin() {
-    const bool ballot = device_.ballot_lanes() != 0;  // whose sort tells the tiles' ranges
+    const bool ballot = device_.ballots();  // whose sort tells the tiles' ranges
     const DigitRows rows = digit_rows();
     for (std::uint32_t pass = 0; pass < kDepthPasses; ++pass) {
       Push push{};
@@ -323,7 +323,7 @@ class FrameCommands::Recorder {
                   stage_set({list, list, packed != VK_NULL_HANDLE ? packed : unused(),
                              b_.patches.handle()}));
     }
-    if (work_.fovea && device_.ballot_lanes() != 0) return blend_patches();
+    if (work_.fovea && device_.ballots()) return blend_patches();
     wait();
     for (std::uint32_t v = 0; v < work_.input->views; ++v) {
       begin_blend(work_.fovea ? Shader::kBlendFovea : Shader::kBlend, v, 0);

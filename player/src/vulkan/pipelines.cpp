@@ -144,7 +144,7 @@ Status Pipelines::make_layout(const Device& device) {
 }
 
 Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const {
-  const std::uint32_t lanes = device.ballot_lanes();
+  const std::uint32_t lanes = device.subgroups().lanes;
   const Code codes = code_of(shader);
   const std::span<const std::uint32_t> code = lanes != 0 ? codes.ballot : codes.anywhere;
   auto module_info =
@@ -174,6 +174,13 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   info.stage.module = module;
   info.stage.pName = "main";
   info.stage.pSpecializationInfo = &constants;
+  auto size = structure<VkPipelineShaderStageRequiredSubgroupSizeCreateInfo>(
+      VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_REQUIRED_SUBGROUP_SIZE_CREATE_INFO);
+  size.requiredSubgroupSize = lanes;
+  if (device.subgroups().required && codes.ballot.data() != codes.anywhere.data()) {
+    info.stage.pNext = &size;
+    info.stage.flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT;
+  }
   info.layout = layout_;
   const VkResult result =
       device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);

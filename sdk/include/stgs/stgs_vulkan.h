@@ -6,7 +6,10 @@
  * What the device must be made with: no extension and no feature, Vulkan 1.1, and a queue of a
  * family with VK_QUEUE_COMPUTE_BIT. stgs_vulkan_get_support tells before the device is made whether
  * it can be drawn with. Timeline semaphores, where they are wanted, are the application's to enable
- * (timelineSemaphore; before Vulkan 1.2 with VK_KHR_timeline_semaphore).
+ * (timelineSemaphore; before Vulkan 1.2 with VK_KHR_timeline_semaphore). Worth enabling where it is
+ * offered: the control of subgroups' sizes (subgroupSizeControl and computeFullSubgroups; before
+ * Vulkan 1.3 with VK_EXT_subgroup_size_control). GPUs whose subgroups vary in size, as AMD's and
+ * Intel's, draw with the faster shaders then.
  *
  * Queue: a call submits from the thread that it is called on, to the one queue that was lent, and
  * never waits for the whole queue or device. Nobody else may use the queue meanwhile (Vulkan's rule
@@ -39,6 +42,8 @@ typedef struct stgs_vulkan_device {
   void (*lock_queue)(void* user);
   void (*unlock_queue)(void* user);
   void* queue_user;
+  /* 0 or 1: whether the device was made with subgroupSizeControl and computeFullSubgroups */
+  int32_t subgroup_size_control;
 } stgs_vulkan_device;
 
 /* All empty, without a lock. `struct_size` is sizeof(*device). */
@@ -49,6 +54,8 @@ typedef struct stgs_vulkan_support {
   int32_t can_draw;            /* 0 or 1: Vulkan 1.1, and limits that are large enough */
   int32_t timeline_semaphores; /* 0 or 1: whether a device can be made with them */
   char lacks[128];             /* what it cannot be drawn with for; empty: nothing */
+  /* 0 or 1: whether a device can be made with subgroupSizeControl and computeFullSubgroups */
+  int32_t subgroup_size_control;
 } stgs_vulkan_support;
 
 /* Whether a device of device->physical_device can be drawn with; of `device` the instance, the

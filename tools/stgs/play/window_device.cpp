@@ -139,16 +139,29 @@ Status WindowDevice::open() {
   queue.queueFamilyIndex = device_.queue_family;
   queue.queueCount = 1;
   queue.pQueuePriorities = &priority;
-  const char* const swapchain = VK_KHR_SWAPCHAIN_EXTENSION_NAME;
+  std::vector<const char*> extensions = {VK_KHR_SWAPCHAIN_EXTENSION_NAME};
+  STGS_ASSIGN(const player::VulkanSupport offered,
+              player::vulkan_support(nullptr, device_.instance, device_.api_version,
+                                     device_.physical_device));
+  features_ = structure<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
+  if (offered.subgroup_size_control) {
+    sizes_ = structure<VkPhysicalDeviceSubgroupSizeControlFeatures>(
+        VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES);
+    sizes_.subgroupSizeControl = sizes_.computeFullSubgroups = VK_TRUE;
+    features_.pNext = &sizes_;
+    extensions.push_back(VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME);
+  }
   auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
+  info.pNext = &features_;
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
-  info.enabledExtensionCount = 1;
-  info.ppEnabledExtensionNames = &swapchain;
+  info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   const VkResult result = vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device);
   if (result != VK_SUCCESS) device_.device = VK_NULL_HANDLE;
   STGS_TRY(vk_status(result, "opening a device"));
-  device_.extensions = {swapchain};
+  device_.features = &features_;
+  device_.extensions.assign(extensions.begin(), extensions.end());
   volkLoadDevice(device_.device);
   vkGetDeviceQueue(device_.device, device_.queue_family, 0, &device_.queue);
   return {};

@@ -40,6 +40,8 @@ class WindowDevice {
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkSurfaceKHR surface_ = VK_NULL_HANDLE;
   player::VulkanDevice device_;
+  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};  // where there are such; of `features_`
+  VkPhysicalDeviceFeatures2 features_{};
   std::string name_;
 };
 

@@ -17,7 +17,9 @@
 namespace stgs::player {
 
 // A device that the caller has made and keeps until the renderer is gone. It needs no feature and
-// no extension; timeline semaphores can be given where it has them.
+// no extension. Timeline semaphores can be given where it has them. Made with subgroupSizeControl
+// and computeFullSubgroups (VulkanSupport::subgroup_size_control), devices whose subgroups vary in
+// size draw with the faster shaders, which need to know it.
 struct VulkanDevice {
   // Null: that of the Vulkan loader, libvulkan.so.1.
   PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;
@@ -105,7 +107,9 @@ class VulkanRenderer : public Renderer {
 // What a physical device is good for, before a device of it is made.
 struct VulkanSupport {
   std::string lacks;  // what it cannot be drawn with for; empty: nothing
+  // What a device can be made with, by its version or an extension.
   bool timeline_semaphores = false;
+  bool subgroup_size_control = false;  // with computeFullSubgroups
 };
 // `get_instance_proc_addr` and `api_version` as in VulkanDevice. kUsage where a handle is missing,
 // kUnsupported where there is no loader or the instance is of Vulkan 1.0.
