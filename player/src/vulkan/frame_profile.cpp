@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "vulkan/frame_profile.h"
 
-#include <algorithm>
-#include <array>
-
 #include "vulkan/packed_segment.h"
-#include "vulkan/times.h"
 
 namespace stgs::player::vulkan {
 namespace {
-
-constexpr std::uint64_t kCopied = std::uint64_t{128} << 20;  // bytes; more than caches hold
 
 // Bytes of an entry of a buffer, and of what a primitive is read of: each that is stored, each that
 // is alive, and what is seen (packed_segment.h).
@@ -18,28 +12,6 @@ constexpr double kKey = 4, kSplat = 48, kRange = 8, kPixel = kPlanes * sizeof(fl
 constexpr double kSupport = 8, kMoment = 40, kCovariance = 24;
 
 }  // namespace
-
-Result<double> copied_bytes_per_second(Device& device) {
-  Buffer from, to;
-  STGS_TRY(from.create(device, kCopied, Place::kDevice));
-  STGS_TRY(to.create(device, kCopied, Place::kDevice));
-  Times times;
-  STGS_TRY(times.create(device, 3));
-  VkCommandBuffer commands = VK_NULL_HANDLE;
-  STGS_TRY(device.begin(&commands));
-  device.vk.vkCmdResetQueryPool(commands, times.pool(), 0, 3);
-  const VkBufferCopy all{0, 0, kCopied};
-  // The second counts: the first touches the memory for the first time.
-  for (std::uint32_t k = 0; k < 3; ++k) {
-    device.vk.vkCmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, times.pool(), k);
-    barrier(device, commands);
-    if (k < 2) device.vk.vkCmdCopyBuffer(commands, from.handle(), to.handle(), 1, &all);
-  }
-  STGS_TRY(device.finish(commands));
-  std::array<double, 2> ms{};
-  STGS_TRY(times.between(ms));
-  return 2e3 * static_cast<double>(kCopied) / std::max(ms[1], 1e-6);
-}
 
 std::vector<RenderStep> steps_of(const FrameWork& work, const Counts& counts, const StepTimes& ms) {
   const FrameInput& input = *work.input;

@@ -10,10 +10,6 @@
 
 namespace stgs::player::vulkan {
 
-// Bytes a second that a copy in the device's memory reads and writes: Vulkan does not tell what the
-// memory can do. Waits for the device.
-Result<double> copied_bytes_per_second(Device& device);
-
 using StepTimes = std::array<double, kFrameSteps>;  // milliseconds
 
 // Of a frame that has ended: what was counted, and what its steps took.

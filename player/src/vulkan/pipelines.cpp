@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "vulkan/pipelines.h"
 
-#include <span>
 #include <vector>
 
 #include "frame_layout.h"
@@ -92,6 +91,41 @@ Code code_of(Shader shader) {
 
 }  // namespace
 
+Status make_buffers_layout(const Device& device, std::uint32_t count, VkDescriptorSetLayout* out) {
+  std::vector<VkDescriptorSetLayoutBinding> bindings;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    bindings.push_back(
+        {i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+  }
+  auto info = structure<VkDescriptorSetLayoutCreateInfo>(
+      VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
+  info.bindingCount = count;
+  info.pBindings = bindings.data();
+  return vk_status(device.vk.vkCreateDescriptorSetLayout(device.handle(), &info, nullptr, out),
+                   "creating a layout of buffers");
+}
+
+Status make_pipeline(const Device& device, std::span<const std::uint32_t> code,
+                     const VkPipelineShaderStageCreateInfo& stage, VkPipelineLayout layout,
+                     VkPipeline* out) {
+  auto module = structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
+  module.codeSize = code.size_bytes();
+  module.pCode = code.data();
+  auto info =
+      structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
+  info.stage = stage;
+  info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
+  info.stage.pName = "main";
+  info.layout = layout;
+  STGS_TRY(vk_status(
+      device.vk.vkCreateShaderModule(device.handle(), &module, nullptr, &info.stage.module),
+      "loading a shader"));
+  const VkResult result =
+      device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);
+  device.vk.vkDestroyShaderModule(device.handle(), info.stage.module, nullptr);
+  return vk_status(result, "compiling a shader");
+}
+
 Pipelines::~Pipelines() {
   if (device_ == nullptr) return;
   const auto& vk = device_->vk;
@@ -120,18 +154,7 @@ Status Pipelines::make_layout(const Device& device) {
   device_ = &device;
   const std::uint32_t counts[] = {kFrameBindings, kStageBindings};
   for (std::size_t set = 0; set < sets_.size(); ++set) {
-    std::vector<VkDescriptorSetLayoutBinding> bindings;
-    for (std::uint32_t i = 0; i < counts[set]; ++i) {
-      bindings.push_back(
-          {i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
-    }
-    auto info = structure<VkDescriptorSetLayoutCreateInfo>(
-        VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
-    info.bindingCount = counts[set];
-    info.pBindings = bindings.data();
-    STGS_TRY(vk_status(
-        device.vk.vkCreateDescriptorSetLayout(device.handle(), &info, nullptr, &sets_[set]),
-        "creating a layout of buffers"));
+    STGS_TRY(make_buffers_layout(device, counts[set], &sets_[set]));
   }
   const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof(Push)};
   auto info = structure<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
@@ -147,14 +170,6 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   const std::uint32_t lanes = device.subgroups().lanes;
   const Code codes = code_of(shader);
   const std::span<const std::uint32_t> code = lanes != 0 ? codes.ballot : codes.anywhere;
-  auto module_info =
-      structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
-  module_info.codeSize = code.size_bytes();
-  module_info.pCode = code.data();
-  VkShaderModule module = VK_NULL_HANDLE;
-  STGS_TRY(
-      vk_status(device.vk.vkCreateShaderModule(device.handle(), &module_info, nullptr, &module),
-                "loading a shader"));
   const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
   const bool fovea = shader == Shader::kCountTilesFovea || shader == Shader::kListTilesFovea ||
                      shader == Shader::kBlendFovea;
@@ -166,26 +181,17 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   const VkSpecializationMapEntry entries[] = {
       {0, 0, kEach}, {1, kEach, kEach}, {2, 2 * kEach, kEach}};
   const VkSpecializationInfo constants{3, entries, sizeof(numbers), numbers};
-  auto info =
-      structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
-  info.stage = structure<VkPipelineShaderStageCreateInfo>(
+  auto stage = structure<VkPipelineShaderStageCreateInfo>(
       VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO);
-  info.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
-  info.stage.module = module;
-  info.stage.pName = "main";
-  info.stage.pSpecializationInfo = &constants;
+  stage.pSpecializationInfo = &constants;
   auto size = structure<VkPipelineShaderStageRequiredSubgroupSizeCreateInfo>(
       VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_REQUIRED_SUBGROUP_SIZE_CREATE_INFO);
   size.requiredSubgroupSize = lanes;
   if (device.subgroups().required && codes.ballot.data() != codes.anywhere.data()) {
-    info.stage.pNext = &size;
-    info.stage.flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT;
+    stage.pNext = &size;
+    stage.flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT;
   }
-  info.layout = layout_;
-  const VkResult result =
-      device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);
-  device.vk.vkDestroyShaderModule(device.handle(), module, nullptr);
-  return vk_status(result, "compiling a shader");
+  return make_pipeline(device, code, stage, layout_, out);
 }
 
 }  // namespace stgs::player::vulkan

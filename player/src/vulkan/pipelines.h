@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 
 #include "vulkan/device.h"
 
@@ -29,6 +30,13 @@ enum class Shader {
   kBlendFovea,
 };
 inline constexpr std::size_t kShaders = 14;
+
+// Storage buffers for compute shaders, at bindings from 0 on.
+Status make_buffers_layout(const Device& device, std::uint32_t count, VkDescriptorSetLayout* out);
+// Of `stage` the code is set here.
+Status make_pipeline(const Device& device, std::span<const std::uint32_t> code,
+                     const VkPipelineShaderStageCreateInfo& stage, VkPipelineLayout layout,
+                     VkPipeline* out);
 
 // The device outlives it.
 class Pipelines {

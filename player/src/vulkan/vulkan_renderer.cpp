@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "views.h"
+#include "vulkan/bandwidth.h"
 #include "vulkan/caller_images.h"
 #include "vulkan/frame_profile.h"
 #include "vulkan/frame_slot.h"
