@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C interface on a Vulkan device of the application's, compared with its own pictures of the
 // processor; with the validation layer where it is installed. Exit code 77: there is no device.
-#define CATCH_CONFIG_RUNNER
+#include "catch_runner.h"
 #include "sdk_vulkan_fixture.h"
 
 // After volk, which wants to be the first of Vulkan's headers.
@@ -300,7 +300,7 @@ int main(int argc, char** argv) {
     std::printf("skipped: there is no Vulkan device with timeline semaphores\n");
     return 77;
   }
-  const int failed = Catch::Session().run(argc, argv);
+  const int failed = stgs::testing::run_cases(argc, argv);
   for (const std::string& message : VulkanHost::messages()) std::printf("%s\n", message.c_str());
   return failed != 0 ? failed : static_cast<int>(!VulkanHost::messages().empty());
 }

@@ -2,7 +2,6 @@
 // The example embed_vulkan: its cube and the scene's splats hide each other as their depths say,
 // and the validation layer, where it is installed, has nothing to say. Exit code 77: there is no
 // device.
-#define CATCH_CONFIG_RUNNER
 #include <stdlib.h>
 #include <sys/wait.h>
 
@@ -20,6 +19,7 @@
 #include <stb_image.h>
 
 #include "../api/temporary_folder.h"
+#include "catch_runner.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::testing {
@@ -169,5 +169,5 @@ int main(int argc, char** argv) {
     std::printf("skipped: %s\n", said.c_str());
     return 77;
   }
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

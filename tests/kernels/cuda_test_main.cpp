@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The entry of tests that need a CUDA device. Exit code 77: there is none.
-#define CATCH_CONFIG_RUNNER
 #include <cuda_runtime_api.h>
 
-#include <catch2/catch.hpp>
 #include <cstdio>
+
+#include "catch_runner.h"
 
 int main(int argc, char** argv) {
   int count = 0;
@@ -12,5 +12,5 @@ int main(int argc, char** argv) {
     std::printf("skipped: no CUDA device (%s)\n", cudaGetErrorString(error));
     return 77;
   }
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

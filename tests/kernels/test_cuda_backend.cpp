@@ -4,12 +4,12 @@
 // Gradients are compared through Adam's first moments after one step from zero, which are 0.1 times
 // the gradient. Both backends round differently, and a pixel at the edge of a splat may be drawn by
 // one alone; so arrays are compared by the length of their difference against their own length.
-#define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
 
+#include "catch_runner.h"
 #include "cuda_backend_check.h"
 #include "stgs/encoder/train.h"
 #include "stgs/format/raster.h"
@@ -409,5 +409,5 @@ int main(int argc, char** argv) {
     std::printf("skipped: %s\n", status.message().c_str());
     return 77;
   }
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

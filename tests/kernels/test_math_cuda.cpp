@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // format/math on a CUDA device against C++. Exit code 77: there is no device.
-#define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cstdio>
 
+#include "catch_runner.h"
 #include "math_parity_check.h"
 #include "math_parity_cuda.h"
 
@@ -27,5 +27,5 @@ int main(int argc, char** argv) {
     std::printf("skipped: %s\n", missing.c_str());
     return 77;
   }
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // format/math through GLSL on every Vulkan device against C++. Exit code 77: there is no device.
-#define CATCH_CONFIG_RUNNER
 #include <catch2/catch.hpp>
 #include <cstdio>
 
+#include "catch_runner.h"
 #include "math_parity_check.h"
 #include "vulkan_compute.h"
 
@@ -65,5 +65,5 @@ int main(int argc, char** argv) {
     return kSkipped;
   }
   vulkan = &compute;
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

@@ -5,7 +5,6 @@
 // equal, rounding decides which way the gradient goes. A few such features make errors far above
 // those of the arithmetic, so gradients are held to a bound of their median over cases and to a
 // wide one of the worst.
-#define CATCH_CONFIG_RUNNER
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -13,6 +12,7 @@
 
 #include "backend/cuda/cuda_backend.h"
 #include "backend/cuda/memory.h"
+#include "catch_runner.h"
 #include "perceptual/perceptual_loss.h"
 #include "train/colour_correction.h"
 #include "train_scene.h"
@@ -313,5 +313,5 @@ int main(int argc, char** argv) {
     std::printf("skipped: %s\n", status.message().c_str());
     return 77;
   }
-  return Catch::Session().run(argc, argv);
+  return stgs::testing::run_cases(argc, argv);
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drawing on a device that is lent, into images of its owner, compared with the CPU renderer; with
 // the validation layer where it is installed. Exit code 77: there is no device.
-#define CATCH_CONFIG_RUNNER
 #include "vulkan_host.h"
 
 // After volk, which wants to be the first of Vulkan's headers.
@@ -12,6 +11,7 @@
 #include <cstring>
 #include <thread>
 
+#include "catch_runner.h"
 #include "scene_fixture.h"
 #include "vulkan/features.h"
 #include "vulkan/vulkan_renderer.h"
@@ -471,7 +471,7 @@ int main(int argc, char** argv) {
     std::printf("skipped: there is no Vulkan device with timeline semaphores\n");
     return 77;
   }
-  const int failed = Catch::Session().run(argc, argv);
+  const int failed = stgs::testing::run_cases(argc, argv);
   for (const std::string& message : VulkanHost::messages()) std::printf("%s\n", message.c_str());
   return failed != 0 ? failed : static_cast<int>(!VulkanHost::messages().empty());
 }

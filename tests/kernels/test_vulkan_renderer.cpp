@@ -3,7 +3,7 @@
 // its variant keeps to shared memory and to small blocks of segments. Exit code 77: there is no
 // device, no layer where STGS_VALIDATED is set, or Mesa's of the CPU has not the subgroups of
 // STGS_CPU_SUBGROUP lanes that it was asked for.
-#define CATCH_CONFIG_RUNNER
+#define CATCH_CONFIG_EXTERNAL_INTERFACES
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdio>
@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "catch_runner.h"
 #include "renderer_under_test.h"
 #include "scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
@@ -106,6 +107,6 @@ int main(int argc, char** argv) {
     std::printf("skipped: %s\n", renderer.status().message().c_str());
     return 77;
   }
-  const int failed = Catch::Session().run(argc, argv);
+  const int failed = stgs::testing::run_cases(argc, argv);
   return failed != 0 ? failed : static_cast<int>(!testing::messages().empty());
 }

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+#define CATCH_CONFIG_RUNNER
+#include "catch_runner.h"
+
+#include <catch2/catch.hpp>
+
+namespace stgs::testing {
+
+int run_cases(int argc, char** argv) {
+  return Catch::Session().run(argc, argv);
+}
+
+}  // namespace stgs::testing
