@@ -19,8 +19,6 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kLongestStep = 0.25;  // seconds between advances that a moment follows
-
 Status check(const PlayerSettings& s) {
   const auto positive = [](double v) { return std::isfinite(v) && v >= 0; };
   const LiveSettings& live = s.live;

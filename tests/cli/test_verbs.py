@@ -235,6 +235,12 @@ class Reading(CliTest):
         late = self.json_of("bench", scene, "--play", "timeline", "--frames", "1", "--refresh",
                             "10000", "--size", "640x480", "--backend", "cpu")["play"]
         self.assertEqual(late["missed"], late["pictures"])
+        # Pictures that are far apart are of the same moments through both.
+        slow = [self.json_of("bench", self.fixture("longer.stgs"), "--play", through, "--frames",
+                             "60", "--refresh", "2.2", "--size", "32x24", "--backend", "cpu",
+                             "--stereo", "0.06") for through in ("timeline", "player")]
+        self.assertEqual(slow[0]["alive"], slow[1]["alive"])
+        self.assertEqual((play["eye_distance"], slow[1]["play"]["eye_distance"]), (None, 0.06))
         text = self.succeeds("bench", scene, "--play", "player", "--frames", "2").stdout.decode()
         self.assertRegex(text, r"2 frames at 1 times their rate, 100 pictures a second: \d of 7 ")
         self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")

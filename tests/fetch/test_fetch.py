@@ -255,6 +255,25 @@ class Verbs(unittest.TestCase):
             self.assertEqual(run.returncode, 2)
             self.assertRegex(run.stderr, rb"error: http://\S+: the server answers 404")
 
+    def test_what_is_told_has_neither_keys_nor_passwords(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        with open(VECTOR, "rb") as file:
+            data = bytearray(file.read())
+        damaged = bytes(data[:-40]) + bytes(40)
+        for content in (bytes(data), damaged):
+            with FaultyServer(content) as server:
+                place = server.url.replace("//", "//who:secret@") + "?key=secret"
+                for args in (["info", place], ["validate", place], ["compare", place, place],
+                             ["render", place, "--time", "99", "-o", folder.name + "/a.png"],
+                             ["bench", place, "--pictures", "1", "--backend", "cpu"],
+                             ["bench", place, "--play", "player", "--frames", "1"]):
+                    for how in ("text", "json"):
+                        run = self.stgs(*args, "--format", how)
+                        told = run.stdout + run.stderr
+                        self.assertIn(server.url.encode(), told, args)
+                        self.assertNotIn(b"secret", told, args)
+
     def test_other_urls_are_refused(self):
         run = self.stgs("info", "ftp://127.0.0.1/scene.stgs")
         self.assertEqual(run.returncode, 1)

@@ -306,6 +306,17 @@ class WindowTest(unittest.TestCase):
         self.assertEqual(process.returncode, 2, error)
         self.assertIn("trying again", error.split("stgs: error:")[0])
 
+    def test_a_window_that_is_closed_before_its_screenshot_says_so(self):
+        process = self.start("scene.stgs", "--loop", "--after", "100000", "--screenshot",
+                             "window.png")
+        self.window_of("random scene")
+        self.xdotool("key", "Escape")
+        out, error = process.communicate(timeout=60)
+        self.assertEqual((process.returncode, out), (4, ""))
+        self.assertEqual(error,
+                         "stgs: error: window.png: the window was closed before it was written\n")
+        self.assertFalse(os.path.exists(self.path("window.png")))
+
     def test_an_interrupt_ends_it(self):
         process = self.start("scene.stgs", "--loop")
         self.window_of("random scene")

@@ -49,6 +49,11 @@ class PlayerPlayback final : public MeasuredPlayback {
   player::Timeline& timeline() override { return player_->timeline(); }
   Result<double> advance(double passed) override {
     if (player_->state() == player::PlayerState::kPaused) STGS_TRY(begin());
+    // A longer step would count as this one: pictures that are missed are passed, not waited for.
+    for (; passed_ + player::kLongestStep < passed; passed_ += player::kLongestStep) {
+      player_->advance(passed_ + player::kLongestStep);
+    }
+    passed_ = passed;
     return player_->advance(passed);
   }
   bool waits() const override { return player_->state() == player::PlayerState::kBuffering; }
@@ -102,6 +107,7 @@ class PlayerPlayback final : public MeasuredPlayback {
   std::unique_ptr<player::Player> player_;
   std::vector<Event> events_;  // that are still to be told
   bool ever_lost_ = false, told_no_room_ = false;
+  double passed_ = 0;  // of the last advance()
 };
 
 }  // namespace

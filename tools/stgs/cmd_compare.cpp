@@ -9,6 +9,7 @@
 #include "place.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/player/renderer.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -57,8 +58,8 @@ class Compare final : public Command {
   Status run(Session& session) override {
     const bool pictures = is_picture_name(a_);
     if (pictures != is_picture_name(b_)) {
-      return usage_error("{} and {} are not of one kind: give two pictures or two .stgs files", a_,
-                         b_);
+      return usage_error("{} and {} are not of one kind: give two pictures or two .stgs files",
+                         player::shown_place(a_), player::shown_place(b_));
     }
     return pictures ? compare_pictures(session) : compare_scenes(session);
   }
@@ -81,26 +82,26 @@ class Compare final : public Command {
   Status compare_scenes(Session& session) {
     STGS_ASSIGN(auto first, open_scene(session, a_));
     STGS_ASSIGN(auto second, open_scene(session, b_));
-    Json json = {{"a", a_},
-                 {"b", b_},
+    const auto a = player::Timeline::over(std::move(first), player::shown_place(a_));
+    const auto b = player::Timeline::over(std::move(second), player::shown_place(b_));
+    Json json = {{"a", a->name()},
+                 {"b", b->name()},
                  {"kind", "scenes"},
-                 {"primitives", {first->primitives(), second->primitives()}},
-                 {"bytes", {first->file_bytes(), second->file_bytes()}},
+                 {"primitives", {a->reader().primitives(), b->reader().primitives()}},
+                 {"bytes", {a->reader().file_bytes(), b->reader().file_bytes()}},
                  {"moments", moments_}};
-    const auto a = player::Timeline::over(std::move(first), a_);
-    const auto b = player::Timeline::over(std::move(second), b_);
     if (std::abs(a->duration_seconds() - b->duration_seconds()) > kSameDuration) {
-      return {StatusCode::kDiffers, fmt::format("{} lasts {} s, {} lasts {} s", a_,
-                                                a->duration_seconds(), b_, b->duration_seconds())};
+      return {StatusCode::kDiffers,
+              fmt::format("{} lasts {} s, {} lasts {} s", a->name(), a->duration_seconds(),
+                          b->name(), b->duration_seconds())};
     }
-    STGS_ASSIGN(const encoder::Camera camera, find_camera(a->metadata()));
+    STGS_ASSIGN(const encoder::Camera camera, find_camera(*a));
     Difference total;
     for (int i = 0; i < moments_; ++i) {
       const double seconds = a->duration_seconds() * (i + 0.5) / moments_;
       Image pictures[2];
       for (int k = 0; k < 2; ++k) {
-        STGS_ASSIGN(pictures[k],
-                    draw(session, k == 0 ? *a : *b, k == 0 ? a_ : b_, seconds, camera));
+        STGS_ASSIGN(pictures[k], draw(session, k == 0 ? *a : *b, seconds, camera));
       }
       STGS_ASSIGN(const Difference d, difference(pictures[0], pictures[1]));
       total.mse += d.mse / moments_;
@@ -114,23 +115,22 @@ class Compare final : public Command {
     return report(session, json, total);
   }
 
-  Result<encoder::Camera> find_camera(const SceneMetadata& metadata) const {
+  Result<encoder::Camera> find_camera(const player::Timeline& timeline) const {
     if (!camera_.empty()) return read_camera(camera_);
-    if (!metadata.start_camera) {
-      return usage_error("{}: has no start camera; give --camera", a_);
-    }
-    return camera_of(*metadata.start_camera, a_);
+    const auto& start = timeline.metadata().start_camera;
+    if (!start) return usage_error("{}: has no start camera; give --camera", timeline.name());
+    return camera_of(*start, timeline.name());
   }
 
-  static Result<Image> draw(Session& session, player::Timeline& timeline, const std::string& file,
-                            double seconds, const encoder::Camera& camera) {
+  static Result<Image> draw(Session& session, player::Timeline& timeline, double seconds,
+                            const encoder::Camera& camera) {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     const float* b = timeline.metadata().background;
     const player::View view{camera.pinhole(timeline.metadata().near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
-    STGS_TRY(
-        at_moment(renderer->render(timeline, seconds, {view}, frames, nullptr), file, seconds));
-    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(file, seconds)));
+    STGS_TRY(at_moment(renderer->render(timeline, seconds, {view}, frames, nullptr),
+                       timeline.name(), seconds));
+    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(timeline.name(), seconds)));
     for (float& v : frames[0].colour.data) v = std::clamp(v, 0.0f, 1.0f);
     return std::move(frames[0].colour);
   }

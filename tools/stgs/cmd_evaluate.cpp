@@ -14,6 +14,7 @@
 #include "stgs/format/image_drift.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -137,11 +138,11 @@ class Evaluate final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, file_));
-    const auto timeline = player::Timeline::over(std::move(reader), file_);
+    const auto timeline = player::Timeline::over(std::move(reader), name());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
-    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), file_));
-    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), file_));
-    encoder::warn_of_other_capture(capture_, timeline->metadata(), file_, session.log_sink());
+    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), name()));
+    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), name()));
+    encoder::warn_of_other_capture(capture_, timeline->metadata(), name(), session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
@@ -151,6 +152,8 @@ class Evaluate final : public Command {
   }
 
  private:
+  std::string name() const { return player::shown_place(file_); }  // what is told of it
+
   Status find_backgrounds(Session& session) {
     std::vector<int> frames;
     for (int i = 0; i < capture_.frames; i += every_) frames.push_back(i);
@@ -222,8 +225,8 @@ class Evaluate final : public Command {
     std::vector<player::Frame> frames;
     const double seconds = metadata.time_base.seconds(job.frame);
     STGS_TRY(
-        at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), file_, seconds));
-    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(file_, seconds)));
+        at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), name(), seconds));
+    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(name(), seconds)));
     job.picture = std::move(frames[0].colour);
     for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
     return {};
@@ -266,7 +269,7 @@ class Evaluate final : public Command {
                     coverage_.by_none, coverage_.by_one, coverage_.by_more);
     text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
-    Json json = {{"file", file_},
+    Json json = {{"file", name()},
                  {"against", folder_},
                  {"cameras", which_},
                  {"every", every_},

@@ -11,6 +11,7 @@
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/scene_statistics.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -410,14 +411,16 @@ class Info final : public Command {
       motion = scene_statistics(scene);
     }
     if (!session.json()) {
-      return session.emit({}, to_text(*reader, path_) + (motion ? to_text(*motion) : ""));
+      return session.emit({}, to_text(*reader, name()) + (motion ? to_text(*motion) : ""));
     }
-    Json json = to_json(*reader, path_);
+    Json json = to_json(*reader, name());
     if (motion) json["motion"] = to_json(*motion);
     return session.emit(json, {});
   }
 
  private:
+  std::string name() const { return player::shown_place(path_); }  // what is told of it
+
   std::string path_;
   bool lifespans_ = false;
 };

@@ -7,6 +7,7 @@
 #ifdef STGS_HAS_PLAY
 #include "play/show.h"
 #include "stgs/encoder/camera_json.h"
+#include "stgs/player/source.h"
 #endif
 
 namespace stgs::tools {
@@ -100,6 +101,10 @@ class Play final : public Command {
   }
 
  private:
+  std::string name() const {
+    return player::shown_place(file_);
+  }  // what is told of it
+
   bool extension_is_not_png() const {
     constexpr std::string_view kEnding = ".png";
     return screenshot_.size() < kEnding.size() ||
@@ -109,7 +114,7 @@ class Play final : public Command {
 #ifdef STGS_HAS_PLAY
   Status tell(Session& session, const ShowReport& report) const {
     const double fps = report.busy > 0 ? static_cast<double>(report.following) / report.busy : 0;
-    Json json = {{"file", file_},
+    Json json = {{"file", name()},
                  {"device", report.device},
                  {"width", report.size.width},
                  {"height", report.size.height},
@@ -125,7 +130,7 @@ class Play final : public Command {
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
     const std::string text =
         fmt::format("{} on {}: {} pictures of {}x{} ({:.1f} a second), {} stalls, peak memory {}\n",
-                    file_, report.device, report.pictures, report.size.width, report.size.height,
+                    name(), report.device, report.pictures, report.size.width, report.size.height,
                     fps, report.stalls, human_bytes(peak_memory()));
     return session.emit(json, text);
   }

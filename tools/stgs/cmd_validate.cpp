@@ -4,12 +4,13 @@
 #include "command.h"
 #include "place.h"
 #include "stgs/format/scene_file.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
 
 struct Verdict {
-  std::string path;
+  std::string name;
   Status unreadable;  // set where the file could not be read at all
   std::vector<Issue> issues;
 
@@ -22,7 +23,7 @@ struct Verdict {
 
 Verdict judge(Session& session, const std::string& path) {
   Verdict verdict;
-  verdict.path = path;
+  verdict.name = player::shown_place(path);
   auto source = open_place(session, path);
   if (!source.ok()) {
     verdict.unreadable = source.status();
@@ -48,7 +49,7 @@ Json to_json(const std::vector<Verdict>& verdicts) {
                         {"offset", issue.offset},
                         {"message", issue.message}});
     }
-    Json file = {{"file", verdict.path}, {"valid", verdict.valid()}, {"issues", issues}};
+    Json file = {{"file", verdict.name}, {"valid", verdict.valid()}, {"issues", issues}};
     if (!verdict.unreadable.ok()) file["unreadable"] = verdict.unreadable.message();
     files.push_back(file);
     all = all && verdict.valid();
@@ -64,10 +65,10 @@ std::string to_text(const std::vector<Verdict>& verdicts) {
       continue;
     }
     for (const Issue& issue : verdict.issues) {
-      out += fmt::format("{}: byte {}: {} {}: {}\n", verdict.path, issue.offset,
+      out += fmt::format("{}: byte {}: {} {}: {}\n", verdict.name, issue.offset,
                          issue.error ? "error" : "warning", issue.number, issue.message);
     }
-    if (verdict.valid()) out += fmt::format("{}: valid\n", verdict.path);
+    if (verdict.valid()) out += fmt::format("{}: valid\n", verdict.name);
   }
   return out;
 }
@@ -92,7 +93,7 @@ class Validate final : public Command {
       verdicts.push_back(judge(session, path));
       const Verdict& v = verdicts.back();
       if (v.errors() > 0) {
-        worst = invalid_file("{}: {} error(s)", path, v.errors());
+        worst = invalid_file("{}: {} error(s)", v.name, v.errors());
       } else if (!v.unreadable.ok() && worst.ok()) {
         worst = v.unreadable;
       }

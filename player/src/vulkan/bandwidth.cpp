@@ -14,10 +14,12 @@ namespace {
 constexpr std::uint32_t kCopyCode[] = {
 #include "copy.spv.inc"
 };
-// Of a workgroup (copy.comp), and of all. Every device has ranges and dispatches for it.
-constexpr std::uint64_t kGroupBytes = 256 * 4 * 16, kCopied = std::uint64_t{128} << 20;
-constexpr std::uint32_t kGroups = kCopied / kGroupBytes, kCopies = 6;
-static_assert(kGroups <= 65535 && kCopies + 1 <= Times::kMost);
+// Of a workgroup (copy.comp), and of all: every device has ranges and dispatches for the most, and
+// where its memory is nearly full, less will do.
+constexpr std::uint64_t kGroupBytes = 256 * 4 * 16;
+constexpr std::uint64_t kMostCopied = std::uint64_t{128} << 20, kLeastCopied = kMostCopied / 8;
+constexpr std::uint32_t kCopies = 6;
+static_assert(kMostCopied / kGroupBytes <= 65535 && kCopies + 1 <= Times::kMost);
 
 // The shader with its two buffers.
 class Copy {
@@ -34,7 +36,12 @@ class Copy {
   }
 
   Status create() {
-    for (Buffer& one : memory_) STGS_TRY(one.create(device_, kCopied, Place::kDevice));
+    Status status = make_room(kMostCopied);
+    for (std::uint64_t bytes = kMostCopied / 2;
+         status.code() == StatusCode::kNoMemory && bytes >= kLeastCopied; bytes /= 2) {
+      status = make_room(bytes);
+    }
+    STGS_TRY(status);
     STGS_TRY(make_layout());
     STGS_TRY(make_set());
     const auto stage = structure<VkPipelineShaderStageCreateInfo>(
@@ -47,10 +54,17 @@ class Copy {
     vk.vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipeline_);
     vk.vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, layout_, 0, 1, &set_, 0,
                                nullptr);
-    vk.vkCmdDispatch(commands, kGroups, 1, 1);
+    vk.vkCmdDispatch(commands, static_cast<std::uint32_t>(bytes() / kGroupBytes), 1, 1);
   }
+  std::uint64_t bytes() const { return memory_[0].bytes(); }
 
  private:
+  Status make_room(std::uint64_t bytes) {
+    for (Buffer& one : memory_) one.reset();
+    for (Buffer& one : memory_) STGS_TRY(one.create(device_, bytes, Place::kDevice));
+    return {};
+  }
+
   Status make_layout() {
     STGS_TRY(make_buffers_layout(device_, 2, &buffers_));
     auto info =
@@ -116,7 +130,7 @@ Result<double> copied_bytes_per_second(Device& device) {
   STGS_TRY(times.between(ms));
   // The fastest: the first touches the memory for the first time.
   const double least = *std::min_element(ms.begin(), ms.end());
-  return 2e3 * static_cast<double>(kCopied) / std::max(least, 1e-6);
+  return 2e3 * static_cast<double>(copy.bytes()) / std::max(least, 1e-6);
 }
 
 }  // namespace stgs::player::vulkan

@@ -166,6 +166,11 @@ Status Device::make_instance() {
   if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
   VulkanInstance made;
   const VkResult result = make_vulkan_instance(settings, made);
+  if (result == VK_ERROR_INCOMPATIBLE_DRIVER) {
+    return unsupported(
+        "there is no Vulkan driver (the GPU's, or Debian's mesa-vulkan-drivers); use backend "
+        "'cpu'");
+  }
   if (result != VK_SUCCESS) {
     return unsupported("Vulkan does not start (VkResult {}); use backend 'cpu'",
                        static_cast<int>(result));
@@ -184,18 +189,18 @@ Status Device::choose() {
   std::vector<VkPhysicalDevice> devices(count);
   STGS_TRY(vk_status(vkEnumeratePhysicalDevices(context_.instance, &count, devices.data()),
                      "listing devices"));
+  int best = 0;
   for (const VkPhysicalDevice device : devices) {
     const int family = family_of(device);
-    if (family < 0) continue;
     VkPhysicalDeviceProperties properties{};
     vkGetPhysicalDeviceProperties(device, &properties);
-    const bool discrete = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU;
-    if (context_.physical_device != VK_NULL_HANDLE && !discrete) continue;
+    const int rank = vulkan_rank(properties.deviceType);
+    if (family < 0 || rank <= best) continue;
+    best = rank;
     context_.physical_device = device;
     context_.queue_family = static_cast<std::uint32_t>(family);
-    if (discrete) break;
   }
-  if (context_.physical_device != VK_NULL_HANDLE) return {};
+  if (best > 0) return {};
   return unsupported("there is no Vulkan device that can draw ({} found); use backend 'cpu'",
                      devices.size());
 }

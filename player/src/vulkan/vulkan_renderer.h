@@ -25,7 +25,7 @@ struct VulkanSettings {
   std::function<void(const std::string&)> on_message;
 };
 
-// A device of the renderer's own: the first discrete GPU, else the first device. kNotBuilt without
+// A device of the renderer's own (vulkan_rank). kNotBuilt without
 // Vulkan, kUnsupported where there is no device that can draw.
 Result<std::unique_ptr<Renderer>> make_vulkan_renderer(const VulkanSettings& settings = {});
 // On the caller's device (stgs/player/vulkan_renderer.h).

@@ -3,6 +3,7 @@
 
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb_image_write.h>
+#include <algorithm>
 
 #include <utility>
 
@@ -25,6 +26,13 @@ int family_of(VkPhysicalDevice device) {
     if (draws(families[i])) return static_cast<int>(i);
   }
   return -1;
+}
+
+int rank_of(VkPhysicalDevice device) {
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  if (properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 2;
+  return properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU ? 0 : 1;
 }
 
 // What a device lacks for the example itself, or for STGS; empty: nothing.
@@ -155,6 +163,9 @@ void Gpu::choose(const Makers& makers) {
     devices.resize(count);
     must(vkEnumeratePhysicalDevices(instance, &count, devices.data()), "listing devices");
   }
+  // Discrete GPUs first, drivers of the processor last.
+  std::stable_sort(devices.begin(), devices.end(),
+                   [](VkPhysicalDevice a, VkPhysicalDevice b) { return rank_of(a) > rank_of(b); });
   std::string lacks = "device";
   for (const VkPhysicalDevice one : devices) {
     physical_device = one;

@@ -99,7 +99,9 @@ class Show {
     }
     STGS_TRY(renderer_->wait());
     if (is_open_) report_.stalls = playback_.stalls();
-    return look_at_saving(true);
+    STGS_TRY(look_at_saving(true));
+    if (settings_.screenshot.empty() || done_) return {};
+    return runtime_error("{}: the window was closed before it was written", settings_.screenshot);
   }
 
   const ShowReport& report() const { return report_; }

@@ -47,11 +47,6 @@ int family_of(VkPhysicalDevice device, VkSurfaceKHR surface) {
   return -1;
 }
 
-int rank_of(VkPhysicalDeviceType type) {
-  if (type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
-  return type == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<WindowDevice>> WindowDevice::make(
@@ -119,8 +114,11 @@ Status WindowDevice::choose() {
     const int family = family_of(one, surface_);
     VkPhysicalDeviceProperties properties{};
     vkGetPhysicalDeviceProperties(one, &properties);
-    const int rank = rank_of(properties.deviceType);
+    const int rank = player::vulkan_rank(properties.deviceType);
     if (family < 0 || rank <= best) continue;
+    STGS_ASSIGN(const player::VulkanSupport offered,
+                player::vulkan_support(nullptr, device_.instance, device_.api_version, one));
+    if (!offered.lacks.empty()) continue;
     best = rank;
     device_.physical_device = one;
     device_.queue_family = static_cast<std::uint32_t>(family);

@@ -86,6 +86,9 @@ struct PlayerSettings {
 };
 
 inline constexpr double kMinRate = -2, kMaxRate = 4;
+// Seconds between calls of Player::advance() that a moment follows; a longer step counts as one of
+// these, so that play goes on from where it was after the caller has stood still.
+inline constexpr double kLongestStep = 0.25;
 inline constexpr std::size_t kMostEvents = 1024;  // that are kept until they are taken
 
 enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
@@ -156,8 +159,9 @@ class Player {
   virtual void go_live() = 0;
   virtual LiveState live() const = 0;
 
-  // The moment to draw at `now`, seconds of any clock that never goes back. The moment stands still
-  // where the base of the next has not come, and jumps only where it is told to.
+  // The moment to draw at `now`, seconds of any clock that never goes back, kLongestStep on at most
+  // (times the rate). The moment stands still where the base of the next has not come, and jumps
+  // only where it is told to.
   virtual double advance(double now) = 0;
 
   virtual PlayerState state() const = 0;

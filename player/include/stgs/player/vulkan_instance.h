@@ -28,6 +28,13 @@ struct VulkanInstance {
   VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;  // null: nothing validates
 };
 
+// Which of several devices draws: of the highest rank, > 0, the first. A discrete GPU comes before
+// others, and all of them before drivers of the processor.
+inline int vulkan_rank(VkPhysicalDeviceType type) {
+  if (type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
+  return type == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
+}
+
 // After volkInitialize, and before volk's functions of instances are loaded, which this does not.
 // `out` has null handles after an error.
 VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInstance& out);
