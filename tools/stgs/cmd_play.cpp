@@ -101,10 +101,6 @@ class Play final : public Command {
   }
 
  private:
-  std::string name() const {
-    return player::shown_place(file_);
-  }  // what is told of it
-
   bool extension_is_not_png() const {
     constexpr std::string_view kEnding = ".png";
     return screenshot_.size() < kEnding.size() ||
@@ -112,6 +108,11 @@ class Play final : public Command {
   }
 
 #ifdef STGS_HAS_PLAY
+  // What is told of it.
+  std::string name() const {
+    return player::shown_place(file_);
+  }
+
   Status tell(Session& session, const ShowReport& report) const {
     const double fps = report.busy > 0 ? static_cast<double>(report.following) / report.busy : 0;
     Json json = {{"file", name()},

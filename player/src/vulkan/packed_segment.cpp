@@ -38,6 +38,8 @@ std::uint32_t half_bits(float x) {
   return sign | (((m + 0xFFFu + (m >> 13 & 1u)) >> 13) - (112u << 10));
 }
 
+constexpr std::size_t kPacked = 1024;  // primitives that a thread packs at a time
+
 struct Arrays {
   float *support, *place, *motion, *lifespan, *covariance, *covariance_rest;
   std::uint32_t* sh;
@@ -101,7 +103,7 @@ void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count
   const std::size_t floats = sh_floats(sh_degree), planes = sh_planes(sh_degree);
   const std::size_t held = std::min<std::size_t>(floats, sh_floats(set.sh_degree));
   const Arrays to = arrays_at(memory, n);
-  parallel_blocks(std::size_t{0}, n, std::size_t{4096}, [&](std::size_t begin, std::size_t end) {
+  parallel_blocks(std::size_t{0}, n, kPacked, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
       const bool there = k < count;
       if (there) {

@@ -62,10 +62,7 @@ void SegmentCache::give_back(Pieces& pieces, std::uint32_t segment) {
     const auto waits = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
       return copy.room.block == piece.room.block && copy.room.offset == piece.room.offset;
     });
-    if (waits != copies_.end()) {
-      waiting_ -= waits->room.bytes;
-      copies_.erase(waits);
-    }
+    if (waits != copies_.end()) copies_.erase(waits);
     memory_.give_back(piece.room);
   }
   pieces.erase(found);
@@ -113,8 +110,10 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::si
   return {};
 }
 
-// A spare one that is large enough, or a new one.
-Result<Buffer> SegmentCache::host_buffer(std::uint64_t bytes) {
+// Many pieces are small: they share buffers, of which making one takes milliseconds.
+Status SegmentCache::fill(std::uint64_t bytes) {
+  if (!filled_.empty() && filled_.back().bytes() - filled_bytes_ >= bytes) return {};
+  filled_.reserve(filled_.size() + 1);
   const auto spare = std::find_if(spare_.begin(), spare_.end(),
                                   [&](const Buffer& one) { return one.bytes() >= bytes; });
   Buffer buffer;
@@ -124,16 +123,19 @@ Result<Buffer> SegmentCache::host_buffer(std::uint64_t bytes) {
   } else {
     STGS_TRY(buffer.create(*device_, std::max(bytes, host_bytes()), Place::kHost));
   }
-  return buffer;
+  filled_.push_back(std::move(buffer));
+  filled_bytes_ = 0;
+  return {};
 }
 
 Status SegmentCache::send_room(const Gaussians4D& set, std::size_t first, Piece& piece) {
   const std::uint64_t bytes = packed_bytes(piece.primitives, sh_degree());
-  STGS_ASSIGN(Buffer from, host_buffer(bytes));
-  pack_segment(set, first, piece.primitives, sh_degree(), from.mapped());
+  STGS_TRY(fill(bytes));
+  pack_segment(set, first, piece.primitives, sh_degree(), filled_.back().mapped() + filled_bytes_);
   copies_.reserve(copies_.size() + 1);
   STGS_ASSIGN(piece.room, memory_.take(bytes));
-  copies_.push_back({piece.room, std::move(from)});
+  copies_.push_back({piece.room, filled_.size() - 1, filled_bytes_});
+  filled_bytes_ += piece.room.bytes;
   waiting_ += piece.room.bytes;
   return waiting_ > kWaiting ? copy_now() : Status();
 }
@@ -144,7 +146,7 @@ Status SegmentCache::copy_now() {
   barrier(*device_, commands);  // what frames on their way read of the blocks
   record_copies(commands);
   std::vector<Buffer> copied;
-  copied.reserve(copies_.size());
+  copied.reserve(filled_.size());
   STGS_TRY(device_->finish(commands));
   take_copied(copied);
   take_back(std::move(copied));
@@ -153,15 +155,16 @@ Status SegmentCache::copy_now() {
 
 void SegmentCache::record_copies(VkCommandBuffer commands) const {
   for (const Copy& copy : copies_) {
-    const VkBufferCopy region{0, copy.room.offset, copy.room.bytes};
-    device_->vk.vkCmdCopyBuffer(commands, copy.from.handle(), memory_.buffer(copy.room.block), 1,
-                                &region);
+    const VkBufferCopy region{copy.offset, copy.room.offset, copy.room.bytes};
+    device_->vk.vkCmdCopyBuffer(commands, filled_[copy.buffer].handle(),
+                                memory_.buffer(copy.room.block), 1, &region);
   }
   if (!copies_.empty()) barrier(*device_, commands);
 }
 
 void SegmentCache::take_copied(std::vector<Buffer>& to) {
-  for (Copy& copy : copies_) to.push_back(std::move(copy.from));
+  for (Buffer& buffer : filled_) to.push_back(std::move(buffer));
+  filled_.clear();
   copies_.clear();
   waiting_ = 0;
 }

@@ -36,9 +36,9 @@ class SegmentCache final : public DeviceSegments {
   const SegmentMemory& memory() const { return memory_; }
   // The copies that wait, at the beginning of a frame's commands and after those of all before.
   void record_copies(VkCommandBuffer commands) const;
-  std::size_t copies() const { return copies_.size(); }
-  // Once those commands are submitted: adds copies() buffers that must last until they have ended,
-  // then take_back() has use for them. Does not throw where `to` has room for them.
+  std::size_t buffers() const { return filled_.size(); }
+  // Once those commands are submitted: adds buffers() of them, which must last until they have
+  // ended; then take_back() has use for them. Does not throw where `to` has room for them.
   void take_copied(std::vector<Buffer>& to);
   void take_back(std::vector<Buffer> buffers);
 
@@ -53,20 +53,24 @@ class SegmentCache final : public DeviceSegments {
 
   struct Copy {
     Room room;
-    Buffer from;
+    std::size_t buffer = 0;    // of filled_
+    std::uint64_t offset = 0;  // in it
   };
   using Pieces = std::map<std::uint32_t, std::vector<Piece>>;  // of segments
   void give_back(Pieces& pieces, std::uint32_t segment);
   // Sends primitives from `first` on to a room of their own.
   Status send_room(const Gaussians4D& set, std::size_t first, Piece& piece);
   std::uint64_t host_bytes() const;
-  Result<Buffer> host_buffer(std::uint64_t bytes);
+  // Room in the last of filled_; how much of it is taken then is told by filled_bytes_.
+  Status fill(std::uint64_t bytes);
   Status copy_now();
 
   Device* device_ = nullptr;
   SegmentMemory memory_;
-  std::vector<Copy> copies_;   // that wait
-  std::uint64_t waiting_ = 0;  // bytes of them
+  std::vector<Copy> copies_;        // that wait
+  std::uint64_t waiting_ = 0;       // bytes of them, and of those that were given up
+  std::vector<Buffer> filled_;      // of the host, that hold them
+  std::uint64_t filled_bytes_ = 0;  // of the last of these
   std::vector<Buffer> spare_;
   Pieces resident_, arriving_;
 };

@@ -293,7 +293,7 @@ class ComputeRenderer final : public VulkanRenderer {
   Status start(FrameSlot& slot, std::span<const VulkanSemaphore> wait,
                std::span<const VulkanSemaphore> signal) {
     // Before, for what is submitted is not to fail any more.
-    slot.copied.reserve(segments_.copies());
+    slot.copied.reserve(segments_.buffers());
     STGS_TRY(slot.submit(wait, signal));
     segments_.take_copied(slot.copied);
     return {};
