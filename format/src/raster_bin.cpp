@@ -135,7 +135,9 @@ void bin(SplatFrame& frame) {
   });
   if (listed > kMaxInstances) {
     scratch.bin_chunks.clear();
-    throw std::length_error("the view's splats touch more tiles than a frame can list (2^26)");
+    throw std::length_error(
+        "the view's splats touch more tiles than a frame can list (2^26); draw a "
+        "smaller picture");
   }
 
   // Counts become each chunk's first place in each tile's list.

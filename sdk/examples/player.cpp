@@ -48,14 +48,10 @@ int main(int argc, char** argv) {
     stgs::Player player;
     stgs::Renderer renderer;
     player.open(argv[1]);
-    player.play();
-    stgs_player_status status{};
-    do {
-      status = tick(player);
-    } while (status.state == STGS_PLAYER_OPENING || status.state == STGS_PLAYER_BUFFERING);
-    player.wait_open();  // throws where it could not be opened
-    player.pause();
+    player.wait_open();  // throws where it could not be opened; a viewer shows its window instead
+    player.pause();      // a recording that is still being made plays by itself
     player.seek(std::atof(argv[2]));
+    stgs_player_status status{};
     do {
       status = tick(player);
     } while (status.settled == 0);

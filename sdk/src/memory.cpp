@@ -36,12 +36,13 @@ class CallerMemory final : public std::pmr::memory_resource {
 
 }  // namespace
 
-stgs_result check_allocator(const stgs_allocator* allocator) {
+stgs_result check_allocator(const stgs_allocator* allocator, const Log& log) {
   if (allocator == nullptr) return STGS_OK;
   stgs_allocator known{};
   if (const stgs_result bad = take_struct(allocator, known); bad != STGS_OK) return bad;
-  const bool usable = known.allocate != nullptr && known.free != nullptr;
-  return usable ? STGS_OK : STGS_ERROR_ARGUMENT;
+  if (known.allocate != nullptr && known.free != nullptr) return STGS_OK;
+  log(STGS_LOG_ERROR, "settings: allocator lacks `allocate` or `free`");
+  return STGS_ERROR_ARGUMENT;
 }
 
 std::shared_ptr<std::pmr::memory_resource> caller_memory(const stgs_allocator* allocator) {

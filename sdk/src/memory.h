@@ -10,7 +10,7 @@
 namespace stgs::sdk {
 
 // STGS_OK where there is none, and where it can be used.
-stgs_result check_allocator(const stgs_allocator* allocator);
+stgs_result check_allocator(const stgs_allocator* allocator, const Log& log);
 // The heap where there is none. One that has been checked.
 std::shared_ptr<std::pmr::memory_resource> caller_memory(const stgs_allocator* allocator);
 

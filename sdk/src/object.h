@@ -46,8 +46,11 @@ struct Log {
   stgs_log_fn function = nullptr;
   void* user = nullptr;
 
+  void operator()(stgs_log_level level, const char* message) const {
+    if (function != nullptr) function(user, level, message);
+  }
   void operator()(stgs_log_level level, const std::string& message) const {
-    if (function != nullptr) function(user, level, message.c_str());
+    (*this)(level, message.c_str());
   }
 };
 

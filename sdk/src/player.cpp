@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <utility>
 
@@ -15,7 +16,8 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 20;
+constexpr double kLeastMemory = 1 << 20;
+constexpr double kMost = std::numeric_limits<double>::max();  // what is finite
 
 stgs_player_settings default_settings() {
   const stgs::player::PlayerSettings defaults;
@@ -41,18 +43,31 @@ stgs_player_settings default_settings() {
   return settings;
 }
 
-bool is_duration(double seconds) {
-  return std::isfinite(seconds) && seconds >= 0;
-}
-
-bool are_in_range(const stgs_player_settings& s) {
-  return s.memory_budget >= kLeastMemory && s.max_memory >= kLeastMemory &&
-         is_duration(s.ahead_seconds) && is_duration(s.resume_seconds) &&
-         is_duration(s.patience_seconds) && is_duration(s.retry_seconds) && s.fetches >= 1 &&
-         s.fetches <= 64 && s.url_tries >= 1 && s.url_tries <= 1000 &&
-         is_duration(s.url_connect_seconds) && is_duration(s.url_stall_seconds) &&
-         is_duration(s.live_behind_seconds) && is_duration(s.live_poll_seconds) &&
-         is_duration(s.live_stall_seconds) && is_duration(s.live_skip_seconds);
+// The first of the settings that is out of its range, in words; empty: none is.
+std::string out_of_range(const stgs_player_settings& s) {
+  const struct {
+    const char* name;
+    double value, least, most;
+  } ranges[] = {{"memory_budget", static_cast<double>(s.memory_budget), kLeastMemory, kMost},
+                {"max_memory", static_cast<double>(s.max_memory), kLeastMemory, kMost},
+                {"ahead_seconds", s.ahead_seconds, 0, kMost},
+                {"resume_seconds", s.resume_seconds, 0, kMost},
+                {"patience_seconds", s.patience_seconds, 0, kMost},
+                {"retry_seconds", s.retry_seconds, 0, kMost},
+                {"fetches", static_cast<double>(s.fetches), 1, 64},
+                {"url_tries", static_cast<double>(s.url_tries), 1, 1000},
+                {"url_connect_seconds", s.url_connect_seconds, 0, kMost},
+                {"url_stall_seconds", s.url_stall_seconds, 0, kMost},
+                {"live_behind_seconds", s.live_behind_seconds, 0, kMost},
+                {"live_poll_seconds", s.live_poll_seconds, 0, kMost},
+                {"live_stall_seconds", s.live_stall_seconds, 0, kMost},
+                {"live_skip_seconds", s.live_skip_seconds, 0, kMost}};
+  for (const auto& [name, value, least, most] : ranges) {
+    if (value >= least && value <= most) continue;
+    const std::string to = most == kMost ? " or more" : fmt::format(" to {}", most);
+    return fmt::format("settings: {} is {}; it can be {}{}", name, value, least, to);
+  }
+  return {};
 }
 
 stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
@@ -186,14 +201,19 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
   if (settings != nullptr) {
     if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
   }
-  if (!are_in_range(known)) return STGS_ERROR_ARGUMENT;
-  if (const stgs_result bad = stgs::sdk::check_task_runner(known.task_runner); bad != STGS_OK) {
+  const stgs::sdk::Log log = {known.log, known.log_user};
+  if (const stgs_result bad = stgs::sdk::check_task_runner(known.task_runner, log);
+      bad != STGS_OK) {
     return bad;
   }
-  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator); bad != STGS_OK) {
+  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator, log); bad != STGS_OK) {
     return bad;
   }
   try {
+    if (const std::string wrong = out_of_range(known); !wrong.empty()) {
+      log(STGS_LOG_ERROR, wrong);
+      return STGS_ERROR_ARGUMENT;
+    }
     auto player = std::make_unique<stgs_player>();
     player->settings = known;
     player->wanted = wanted_of(known);
@@ -205,7 +225,7 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
       const std::lock_guard lock(to->opening_mutex);
       to->opening_events.push_back(event);
     };
-    player->scene.log = {known.log, known.log_user};
+    player->scene.log = log;
     *out = player.release();
     return STGS_OK;
   } catch (const std::bad_alloc&) {

@@ -86,5 +86,7 @@ struct stgs_player {
  private:
   void tell(stgs::player::PlayerEvent& from);
   void take_opening_events();
+  // What was wrong with the file when it was opened.
+  void tell_damage();
   stgs::sdk::Outcome take_opened();
 };

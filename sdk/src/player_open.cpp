@@ -114,9 +114,28 @@ void stgs_player::note_opened(bool wait) {
   }
   tell(std::move(event));
   if (ok) {
-    scene.tell_damage();
+    tell_damage();
   } else {
     scene.log(STGS_LOG_ERROR, opened.status.message());
+  }
+}
+
+void stgs_player::tell_damage() {
+  scene.tell_damage();
+  int told_so_far = 0;
+  for (const stgs::Issue& issue : scene.timeline->damage()) {
+    if (!issue.error || told_so_far == STGS_MAX_OPENING_DAMAGE) continue;
+    ++told_so_far;
+    Event event;
+    event.event.kind = STGS_EVENT_DAMAGED;
+    event.event.result = STGS_ERROR_INVALID_FILE;
+    event.event.offset = issue.offset;
+    try {
+      event.message = fmt::format("{}: {}", scene.timeline->name(), issue.message);
+    } catch (const std::bad_alloc&) {
+      event.message = kNoMemory;
+    }
+    tell(std::move(event));
   }
 }
 

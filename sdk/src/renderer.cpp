@@ -48,10 +48,11 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   if (settings != nullptr) {
     if (const stgs_result bad = take_struct(settings, known); bad != STGS_OK) return bad;
   }
-  if (const stgs_result bad = check_task_runner(known.task_runner); bad != STGS_OK) return bad;
+  const Log log = {known.log, known.log_user};
+  if (const stgs_result bad = check_task_runner(known.task_runner, log); bad != STGS_OK) return bad;
   std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
   if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
-  renderer->log = {known.log, known.log_user};
+  renderer->log = log;
   const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
     renderer->tasks = caller_tasks(known.task_runner);
     Outcome made = make(*renderer, known.backend);

@@ -125,14 +125,18 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
   if (settings != nullptr) {
     if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
   }
-  if (known.max_memory < kLeastMemory) return STGS_ERROR_ARGUMENT;
-  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator); bad != STGS_OK) {
+  const stgs::sdk::Log log = {known.log, known.log_user};
+  if (known.max_memory < kLeastMemory) {
+    log(STGS_LOG_ERROR, "settings: max_memory is less than 1 MiB");
+    return STGS_ERROR_ARGUMENT;
+  }
+  if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator, log); bad != STGS_OK) {
     return bad;
   }
   try {
     auto scene = std::make_unique<stgs_scene>();
     scene->settings = known;
-    scene->log = {known.log, known.log_user};
+    scene->log = log;
     scene->memory = stgs::sdk::caller_memory(known.allocator);
     *out = scene.release();
     return STGS_OK;

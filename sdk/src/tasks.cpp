@@ -23,12 +23,14 @@ class CallerTasks final : public TaskRunner {
 
 }  // namespace
 
-stgs_result check_task_runner(const stgs_task_runner* runner) {
+stgs_result check_task_runner(const stgs_task_runner* runner, const Log& log) {
   if (runner == nullptr) return STGS_OK;
   stgs_task_runner known{};
   if (const stgs_result bad = take_struct(runner, known); bad != STGS_OK) return bad;
-  const bool usable = known.run != nullptr && known.threads >= 1 && known.threads <= kMostThreads;
-  return usable ? STGS_OK : STGS_ERROR_ARGUMENT;
+  if (known.run != nullptr && known.threads >= 1 && known.threads <= kMostThreads) return STGS_OK;
+  log(STGS_LOG_ERROR, known.run == nullptr ? "settings: task_runner lacks `run`"
+                                           : "settings: task_runner has no threads, or too many");
+  return STGS_ERROR_ARGUMENT;
 }
 
 std::unique_ptr<TaskRunner> caller_tasks(const stgs_task_runner* runner) {

@@ -329,6 +329,52 @@ TEST_CASE("nothing happens when what plays is told to play", "[sdk]") {
   }
 }
 
+TEST_CASE("what was wrong with a file when it was opened is told behind that", "[sdk]") {
+  auto bytes = clip_file();
+  bytes.resize(bytes.size() * 2 / 3);
+  const PlayerPtr player = open_player(bytes);
+  const std::vector<KeptEvent> events = take_events(player.get());
+  REQUIRE(events.size() >= 2);
+  CHECK(events[0].event.kind == STGS_EVENT_OPENED);
+  CHECK(events[1].event.kind == STGS_EVENT_DAMAGED);
+  CHECK(events[1].event.result == STGS_ERROR_INVALID_FILE);
+  CHECK(events[1].event.offset <= bytes.size());
+  CHECK_FALSE(events[1].message.empty());
+  CHECK(count(events, STGS_EVENT_DAMAGED) <= STGS_MAX_OPENING_DAMAGE);
+  const PlayerPtr sound = open_player(clip_file());
+  CHECK(count(take_events(sound.get()), STGS_EVENT_DAMAGED) == 0);
+}
+
+TEST_CASE("settings that are refused are named in the log", "[sdk]") {
+  std::string said;
+  const auto keep = [](void* user, stgs_log_level, const char* message) {
+    *static_cast<std::string*>(user) = message;
+  };
+  stgs_player_settings settings;
+  REQUIRE(stgs_player_settings_defaults(&settings, sizeof settings) == STGS_OK);
+  settings.log = keep;
+  settings.log_user = &said;
+  settings.url_tries = 5000;
+  stgs_player* player = nullptr;
+  CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
+  CHECK(said == "settings: url_tries is 5000; it can be 1 to 1000");
+  settings.url_tries = 5;
+  settings.ahead_seconds = -1;
+  CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
+  CHECK(said == "settings: ahead_seconds is -1; it can be 0 or more");
+  settings.ahead_seconds = 1;
+  stgs_task_runner runner{};
+  runner.struct_size = sizeof runner;
+  settings.task_runner = &runner;
+  CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
+  CHECK(said == "settings: task_runner lacks `run`");
+  settings.task_runner = nullptr;
+  settings.retry_seconds = std::numeric_limits<double>::quiet_NaN();
+  CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
+  CHECK(said == "settings: retry_seconds is nan; it can be 0 or more");
+  CHECK(player == nullptr);
+}
+
 TEST_CASE("what is damaged or cannot be read while it plays is told with its byte", "[sdk]") {
   auto reader = SceneReader::open(memory_source(clip_file()));
   REQUIRE(reader.ok());

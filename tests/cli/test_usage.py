@@ -106,8 +106,7 @@ class Usage(CliTest):
         for verb in ("train", "encode"):
             args = [verb, self.fixture("prepared"), "-o", "out.stgs", "--backend"]
             with self.subTest(verb=verb):
-                self.fails(6, "'vulkan' cannot train in this build; use --backend cpu", *args,
-                           "vulkan")
+                self.fails(USAGE, "--backend: vulkan not in {auto,cpu,cuda}", *args, "vulkan")
                 if os.path.exists("/dev/nvidiactl"):
                     continue
                 result = self.stgs(*args, "cuda")
@@ -165,6 +164,12 @@ class Help(CliTest):
             text = self.succeeds(verb, "--help").stdout.decode()
             for option in expected.get(verb, "").split():
                 self.assertRegex(text, rf"{option}\b", verb)
+
+    def test_verbs_of_files_say_so_of_a_url(self):
+        for verb in ("pack", "finalize", "convert"):
+            output = [] if verb == "convert" else ["-o"]
+            self.fails(USAGE, "http://here/a.stgs: is a URL, of which this verb reads none", verb,
+                       "http://me:secret@here/a.stgs", *output, "out.stgs")
 
     def test_version(self):
         text = self.succeeds("--version").stdout.decode()

@@ -21,6 +21,9 @@ Result<encoder::Camera> read_camera(const std::string& path) {
   if (!file) return io_error("{}: cannot open this camera file: {}", path, system_message(errno));
   try {
     const Json json = Json::parse(file);
+    if (json.contains("start_camera") && json.at("start_camera").is_null()) {
+      return invalid_file("{}: the scene that it tells of has no start camera", path);
+    }
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
                                      path);
   } catch (const std::exception& error) {

@@ -10,6 +10,7 @@
 #include "losses.h"
 #include "options.h"
 #include "output_place.h"
+#include "place.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::tools {
@@ -129,6 +130,7 @@ class Convert final : public Command {
   Status run(Session& session) override {
     const double begin = now_seconds();
     Conversion work;
+    STGS_TRY(check_is_path(input_));
     STGS_TRY(check_places(work));
     STGS_TRY(read(work));
     tell_losses(session, input_, work.losses, work.scene.metadata.time_base);

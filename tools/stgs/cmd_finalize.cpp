@@ -5,6 +5,7 @@
 #include "command.h"
 #include "losses.h"
 #include "output_place.h"
+#include "place.h"
 #include "stgs/format/scene_recorder.h"
 
 namespace stgs::tools {
@@ -27,6 +28,7 @@ class Finalize final : public Command {
     app.add_option("-o,--output", output_, "The .stgs file to make")->required();
   }
   Status run(Session& session) override {
+    STGS_TRY(check_is_path(input_));
     STGS_TRY(check_can_write(output_));
     std::error_code missing;  // where there is none yet, it is another file
     if (std::filesystem::equivalent(input_, output_, missing)) {

@@ -6,6 +6,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_place.h"
+#include "place.h"
 
 namespace stgs::tools {
 namespace {
@@ -37,6 +38,7 @@ class Pack final : public Command {
   Status run(Session& session) override {
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
+      STGS_TRY(check_is_path(input));
       std::error_code missing;  // where there is none yet, it is another file
       if (std::filesystem::equivalent(input, output_, missing)) {
         return usage_error("{}: is the scene itself, which packing would lose; name another output",

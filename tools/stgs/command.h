@@ -27,6 +27,7 @@ struct Help {
 struct Shared {
   bool progress = false, log_level = false;
   const char* backend = nullptr;  // what --backend chooses, for its help; null: not taken
+  bool trains = false;            // it: not every one that draws
   bool threads = false, seed = false;
 };
 

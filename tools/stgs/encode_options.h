@@ -41,6 +41,7 @@ class TrainOptions {
     return {.progress = true,
             .log_level = true,
             .backend = "What trains",
+            .trains = true,
             .threads = true,
             .seed = true};
   }

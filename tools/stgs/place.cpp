@@ -22,6 +22,12 @@ Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::str
   return SceneReader::open(std::move(source));
 }
 
+Status check_is_path(const std::string& place) {
+  if (!player::is_url(place)) return {};
+  return usage_error("{}: is a URL, of which this verb reads none; fetch the file first",
+                     player::shown_place(place));
+}
+
 Result<Scene> read_place(Session& session, const std::string& place) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(session, place));
   SceneLosses losses;

@@ -14,6 +14,8 @@ namespace stgs::tools {
 // outlive what is returned.
 Result<std::unique_ptr<ByteSource>> open_place(Session& session, const std::string& place);
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& place);
+// For verbs that read files alone: kUsage where it is a URL.
+Status check_is_path(const std::string& place);
 // All of its segments.
 Result<Scene> read_place(Session& session, const std::string& place);
 

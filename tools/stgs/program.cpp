@@ -11,6 +11,7 @@
 #include "stgs/format/raster.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
+#include "stgs/player/source.h"
 
 #ifdef STGS_HAS_PREPARE
 #include <cstdlib>
@@ -50,9 +51,12 @@ void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options)
         ->group(group);
   }
   if (shared.backend != nullptr) {
+    std::vector<std::string> backends = {"auto", "cpu", "cuda"};
+    if (!shared.trains) backends.push_back("vulkan");
     app.add_option("--backend", options.backend,
-                   fmt::format("{}: auto, cpu, cuda or vulkan", shared.backend))
-        ->check(CLI::IsMember({"auto", "cpu", "cuda", "vulkan"}))
+                   fmt::format("{}: auto, cpu{}", shared.backend,
+                               shared.trains ? " or cuda" : ", cuda or vulkan"))
+        ->check(CLI::IsMember(backends))
         ->capture_default_str()
         ->group(group);
   }
@@ -184,6 +188,7 @@ std::string version_text() {
 #ifdef STGS_HAS_PLAY
   parts += " play";
 #endif
+  if (player::is_http_built()) parts += " http";
 #ifdef STGS_HAS_CUDNN
   parts += " cudnn";
 #endif

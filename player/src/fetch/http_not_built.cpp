@@ -3,6 +3,10 @@
 
 namespace stgs::player {
 
+bool is_http_built() {
+  return false;
+}
+
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings&) {
   return not_built("{}: this build reads no URLs; build it with libcurl (STGS_WITH_HTTP)", url);
 }

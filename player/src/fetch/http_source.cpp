@@ -253,6 +253,10 @@ class Http final : public HttpSource {
 
 }  // namespace
 
+bool is_http_built() {
+  return true;
+}
+
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings& settings) {
   if (!is_url(url)) return usage_error("{}: not a URL of http or https", url);
   auto source = std::make_unique<Http>(url, settings);

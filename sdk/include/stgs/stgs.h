@@ -337,7 +337,9 @@ STGS_API stgs_result stgs_picture_defaults(stgs_picture* picture, size_t struct_
  * waits for them: pictures[i] gets views[i]. Uses the scene as well as the renderer: neither may be
  * in another call. The views, pictures and memory are the caller's, and not kept. After an error in
  * the arguments no memory has been written, after others it may have any content.
- * STGS_ERROR_LIMIT: what is alive at the moment takes more than max_memory. */
+ * STGS_ERROR_LIMIT: what is alive at the moment takes more than max_memory. STGS_ERROR_RUNTIME: the
+ * splats touch more than 2^26 tiles of 16 x 16 pixels in a view, as large ones may in a picture of
+ * tens of thousands of pixels a side. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_picture* pictures,
                                  uint32_t count);

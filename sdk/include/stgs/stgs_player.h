@@ -28,6 +28,7 @@ extern "C" {
 
 typedef struct stgs_player stgs_player;
 
+/* Seconds are finite and not below 0. */
 typedef struct stgs_player_settings {
   size_t struct_size;
   uint64_t memory_budget;  /* bytes of what is fetched and decoded: what is needed last makes room,
@@ -43,7 +44,8 @@ typedef struct stgs_player_settings {
   double retry_seconds;    /* until what could not be read is tried again; after each failure twice
                             * as long, as far as 10; default 1 */
   uint32_t fetches;        /* reads at once, 1 to 64; default 4 */
-  uint32_t url_tries;      /* of a URL: in a row that bring nothing, then a read fails; default 5 */
+  uint32_t url_tries;      /* of a URL: in a row that bring nothing, then a read fails; 1 to 1000;
+                            * default 5 */
   double url_connect_seconds; /* of a URL: to a connection, then a try fails; default 10 */
   double url_stall_seconds;   /* of a URL: without a byte, or at less than 100 a second, then a try
                                * fails; less than 0.1 counts as that; default 10 */
@@ -68,7 +70,7 @@ STGS_API stgs_result stgs_player_settings_defaults(stgs_player_settings* setting
                                                    size_t struct_size);
 
 /* A player without a file. `settings` may be NULL: the defaults; they are copied. *out is NULL
- * after an error, else the caller's. */
+ * after an error, which the log has in words, else the caller's. */
 STGS_API stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out);
 /* Ends the player at any moment, and its scene: neither may be in use. Opening and reads of a URL
  * are broken off, but libcurl before 7.87 still waits for a server's name; of an stgs_io it waits
@@ -219,11 +221,14 @@ enum {
   STGS_EVENT_RETRY = 8,    /* a transfer from a URL failed and is tried again */
   STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later. Once
                             * for each piece and try: many at once where a source is down */
-  STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it */
+  STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it. Behind _OPENED:
+                            * what was wrong with the file then (stgs_scene_get_issue), of that the
+                            * first STGS_MAX_OPENING_DAMAGE */
   /* The file is another one now, was overwritten, or has lost what it had: what has not come will
    * not as long as it is so. To see what it is, destroy the player and open it with another. Told
    * where it can be known: of a path by its size and time, of a URL by its size, and its ETag or
-   * time; not of a file that was damaged when it was opened. */
+   * time; not of a file that was damaged when it was opened, nor of a finished one at whose path
+   * another has been put: that goes on as it was. */
   STGS_EVENT_REPLACED = 11,
   STGS_EVENT_STALLED = 12, /* nothing has been added to a recording for live_stall_seconds; it is
                             * looked for further */
@@ -242,6 +247,7 @@ typedef struct stgs_player_event {
 } stgs_player_event;
 
 #define STGS_MAX_EVENTS 1024
+#define STGS_MAX_OPENING_DAMAGE 16
 
 /* The next of what has happened, in order, and forgets it; STGS_EVENT_NONE: there is none. Of
  * events that nobody takes the last STGS_MAX_EVENTS are kept. event->struct_size is set by the

@@ -58,6 +58,9 @@ class HttpSource : public ByteSource {
   virtual TransferStatistics statistics() const = 0;
 };
 
+// Whether URLs can be read in this build, which takes libcurl.
+bool is_http_built();
+
 // Whether it begins with http:// or https://.
 bool is_url(const std::string& place);
 
