@@ -187,9 +187,9 @@ class DamagedScenes(CliTest):
     def test_too_little_memory_is_an_error_that_names_the_file_and_the_moment(self):
         def limit():
             resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
-        self.fails(RUNTIME, r"tiny.stgs: cannot draw 0\.1 s: .*memory", "render",
-                   self.fixture("tiny.stgs"), "--time", "0.1", "--size", "30000x30000", "-o",
-                   "null", "--threads", "2", preexec_fn=limit)
+        self.fails(RUNTIME, r"tiny.stgs: cannot draw 0\.1 s: .*memory; 30000x30000 pixels .*--size",
+                   "render", self.fixture("tiny.stgs"), "--time", "0.1", "--size", "30000x30000",
+                   "-o", "null", "--threads", "2", preexec_fn=limit)
 
     def test_start_cameras_that_are_wrong(self):
         for name, message in (("wide_start", "2147483712"), ("skew_start", "rotation")):

@@ -104,7 +104,14 @@ class Render final : public Command {
     for (std::size_t c = 0; c < cameras.size(); ++c) {
       view.camera = cameras[c].pinhole(timeline->metadata().near_plane);
       for (std::size_t m = 0; m < moments.size(); ++m) {
-        STGS_TRY(draw(*renderer, *timeline, cameras[c], moments[m], view, *sink, totals));
+        const Status drawn =
+            draw(*renderer, *timeline, cameras[c], moments[m], view, *sink, totals);
+        if (drawn.code() == StatusCode::kNoMemory) {  // a file's camera may have any size
+          return {StatusCode::kNoMemory,
+                  fmt::format("{}; {}x{} pixels are drawn, --size takes fewer", drawn.message(),
+                              cameras[c].width, cameras[c].height)};
+        }
+        STGS_TRY(drawn);
         if (!session.progress("render", c * moments.size() + m + 1,
                               cameras.size() * moments.size())) {
           return runtime_error("nothing is written");
