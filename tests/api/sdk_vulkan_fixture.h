@@ -33,7 +33,7 @@ inline stgs_vulkan_device device_of(const VulkanHost& from, bool timeline_semaph
   device.queue = from.device().queue;
   device.queue_family = from.device().queue_family;
   device.timeline_semaphores = timeline_semaphores ? 1 : 0;
-  device.subgroup_size_control = from.device().extensions.empty() ? 0 : 1;  // VulkanHost's only one
+  device.subgroup_size_control = from.controls_subgroup_sizes() ? 1 : 0;
   return device;
 }
 

@@ -25,7 +25,7 @@ TEST_CASE("what a device is good for is told before it is made", "[sdk]") {
   REQUIRE(stgs_vulkan_get_support(&asked, &support) == STGS_OK);
   CHECK(support.can_draw == 1);
   CHECK(support.timeline_semaphores == 1);
-  CHECK(support.subgroup_size_control == (host().device().extensions.empty() ? 0 : 1));
+  CHECK(support.subgroup_size_control == (host().controls_subgroup_sizes() ? 1 : 0));
   CHECK(std::string(support.lacks).empty());
   support.struct_size = 1;
   CHECK(stgs_vulkan_get_support(&asked, &support) == STGS_ERROR_STRUCT_SIZE);

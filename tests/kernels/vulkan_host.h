@@ -33,6 +33,7 @@ class VulkanHost {
   VulkanHost& operator=(const VulkanHost&) = delete;
 
   const player::VulkanDevice& device() const { return device_; }
+  bool controls_subgroup_sizes() const { return !device_.extensions.empty(); }
   // What the validation layer has said of all hosts.
   static std::vector<std::string>& messages();
 

@@ -112,7 +112,7 @@ class Bench final : public Command {
     }
     STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
     auto timeline =
-        player::Timeline::over(std::move(reader), name(), budget, player::Damaged::kPassOver);
+        player::Timeline::over(std::move(reader), shown_file(), budget, player::Damaged::kPassOver);
     if (play_through_ == "timeline") {
       const auto playback = playback_of(std::move(timeline), play_.rate);
       return run_play(session, *playback, *renderer);
@@ -121,14 +121,14 @@ class Bench final : public Command {
   }
 
  private:
-  std::string name() const { return player::shown_place(file_); }  // what is told of it
+  std::string shown_file() const { return player::shown_place(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {
     if (!animate_ && !full_harmonics_ && lives_ == 0) {
       if (!quality_ && !seed_) return open_place(session, file_);
       return usage_error(
           "{} is of what --animate, --lives or --full-harmonics make; {} stays as it is",
-          quality_ ? "--quality" : "--seed", name());
+          quality_ ? "--quality" : "--seed", shown_file());
     }
     STGS_ASSIGN(Scene scene, read_place(session, file_));
     const std::uint64_t most = ReadLimits{}.max_primitives;
@@ -136,7 +136,7 @@ class Bench final : public Command {
       return usage_error(
           "--lives {} makes {} primitives of the {} of {}, more than the {} of a file", lives_,
           scene.gaussians.size() * static_cast<std::uint64_t>(lives_), scene.gaussians.size(),
-          name(), most);
+          shown_file(), most);
     }
     const std::uint64_t seed = seed_.value_or(1);
     if (animate_) animate(scene, seed);
@@ -151,7 +151,7 @@ class Bench final : public Command {
       settings.quality = *quality_;
     }
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(scene, settings));
-    return memory_source(std::move(bytes), name());
+    return memory_source(std::move(bytes), shown_file());
   }
 
   Result<std::vector<encoder::Camera>> find_cameras(const SceneMetadata& metadata) const {
@@ -162,9 +162,9 @@ class Bench final : public Command {
     }
     if (cameras.empty()) {
       if (!metadata.start_camera) {
-        return usage_error("{}: has no start camera; give --camera", name());
+        return usage_error("{}: has no start camera; give --camera", shown_file());
       }
-      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, name()));
+      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, shown_file()));
       cameras.push_back(camera);
     }
     if (!size_.empty()) {
@@ -217,7 +217,7 @@ class Bench final : public Command {
           timeline.duration_seconds() * (static_cast<double>(picture) + 0.5) / pictures_;
       player::RenderStats stats;
       const double begin = now_seconds();
-      STGS_TRY(at_moment(renderer.draw(timeline, seconds, views, &stats), name(), seconds));
+      STGS_TRY(at_moment(renderer.draw(timeline, seconds, views, &stats), shown_file(), seconds));
       out.passes[pass].add(1e3 * (now_seconds() - begin), stats);
       // A backend that cannot tell says so before the first pass has been waited for.
       if (steps_ && k == 0) STGS_TRY(renderer.profile().status());
@@ -277,7 +277,7 @@ class Bench final : public Command {
     if (cameras.size() > 1) return usage_error("--play takes one camera, not {}", cameras.size());
     STGS_ASSIGN(const Played played,
                 play(session, playback, renderer, views_of(cameras[0], timeline.metadata()), play_,
-                     name()));
+                     shown_file()));
     tell_losses(session, timeline);
     Json json = head(timeline, renderer, cameras, played.pass);
     json["play"] = to_json(played, play_);
@@ -295,7 +295,7 @@ class Bench final : public Command {
     for (const encoder::Camera& camera : cameras) {
       sizes.push_back({{"width", camera.width}, {"height", camera.height}});
     }
-    return {{"file", name()},
+    return {{"file", shown_file()},
             {"backend", renderer.name()},
             {"threads", concurrency()},
             {"animated", animate_},

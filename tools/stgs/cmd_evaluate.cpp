@@ -138,11 +138,12 @@ class Evaluate final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, file_));
-    const auto timeline = player::Timeline::over(std::move(reader), name());
+    const auto timeline = player::Timeline::over(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
-    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), name()));
-    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), name()));
-    encoder::warn_of_other_capture(capture_, timeline->metadata(), name(), session.log_sink());
+    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), shown_file()));
+    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), shown_file()));
+    encoder::warn_of_other_capture(capture_, timeline->metadata(), shown_file(),
+                                   session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
@@ -152,7 +153,7 @@ class Evaluate final : public Command {
   }
 
  private:
-  std::string name() const { return player::shown_place(file_); }  // what is told of it
+  std::string shown_file() const { return player::shown_place(file_); }
 
   Status find_backgrounds(Session& session) {
     std::vector<int> frames;
@@ -224,9 +225,9 @@ class Evaluate final : public Command {
     const player::View view{cameras_[job.camera].pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
     const double seconds = metadata.time_base.seconds(job.frame);
-    STGS_TRY(
-        at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), name(), seconds));
-    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(name(), seconds)));
+    STGS_TRY(at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), shown_file(),
+                       seconds));
+    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(shown_file(), seconds)));
     job.picture = std::move(frames[0].colour);
     for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
     return {};
@@ -269,7 +270,7 @@ class Evaluate final : public Command {
                     coverage_.by_none, coverage_.by_one, coverage_.by_more);
     text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
-    Json json = {{"file", name()},
+    Json json = {{"file", shown_file()},
                  {"against", folder_},
                  {"cameras", which_},
                  {"every", every_},

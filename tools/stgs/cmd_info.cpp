@@ -411,15 +411,15 @@ class Info final : public Command {
       motion = scene_statistics(scene);
     }
     if (!session.json()) {
-      return session.emit({}, to_text(*reader, name()) + (motion ? to_text(*motion) : ""));
+      return session.emit({}, to_text(*reader, shown_file()) + (motion ? to_text(*motion) : ""));
     }
-    Json json = to_json(*reader, name());
+    Json json = to_json(*reader, shown_file());
     if (motion) json["motion"] = to_json(*motion);
     return session.emit(json, {});
   }
 
  private:
-  std::string name() const { return player::shown_place(path_); }  // what is told of it
+  std::string shown_file() const { return player::shown_place(path_); }
 
   std::string path_;
   bool lifespans_ = false;

@@ -108,14 +108,13 @@ class Play final : public Command {
   }
 
 #ifdef STGS_HAS_PLAY
-  // What is told of it.
-  std::string name() const {
+  std::string shown_file() const {
     return player::shown_place(file_);
   }
 
   Status tell(Session& session, const ShowReport& report) const {
     const double fps = report.busy > 0 ? static_cast<double>(report.following) / report.busy : 0;
-    Json json = {{"file", name()},
+    Json json = {{"file", shown_file()},
                  {"device", report.device},
                  {"width", report.size.width},
                  {"height", report.size.height},
@@ -125,14 +124,13 @@ class Play final : public Command {
                  {"seconds", report.seconds},
                  {"camera", nullptr},
                  {"screenshot", nullptr},
-                 { "peak_memory",
-                   peak_memory() }};
+                 { "peak_memory", peak_memory() }};
     if (report.pictures > 0) json["camera"] = encoder::camera_to_json(report.camera);
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
     const std::string text =
         fmt::format("{} on {}: {} pictures of {}x{} ({:.1f} a second), {} stalls, peak memory {}\n",
-                    name(), report.device, report.pictures, report.size.width, report.size.height,
-                    fps, report.stalls, human_bytes(peak_memory()));
+                    shown_file(), report.device, report.pictures, report.size.width,
+                    report.size.height, fps, report.stalls, human_bytes(peak_memory()));
     return session.emit(json, text);
   }
 #endif

@@ -84,7 +84,7 @@ class Render final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, o_.file));
-    const auto timeline = player::Timeline::over(std::move(reader), name(),
+    const auto timeline = player::Timeline::over(std::move(reader), shown_file(),
                                                  static_cast<std::uint64_t>(o_.memory_mb * 1e6),
                                                  player::Damaged::kPassOver);
     tell_damage(session, *timeline);
@@ -125,7 +125,7 @@ class Render final : public Command {
   }
 
  private:
-  std::string name() const { return player::shown_place(o_.file); }  // what is told of it
+  std::string shown_file() const { return player::shown_place(o_.file); }
 
   struct Totals {
     player::RenderStats stats;
@@ -137,17 +137,17 @@ class Render final : public Command {
     if (!o_.cameras.empty()) {
       STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras));
       if (o_.beside) {
-        STGS_ASSIGN(capture_, encoder::shown_part(capture_, metadata, name()));
+        STGS_ASSIGN(capture_, encoder::shown_part(capture_, metadata, shown_file()));
       }
       STGS_ASSIGN(cameras, choose_cameras(capture_, o_.which));
     } else if (!o_.camera.empty()) {
       STGS_ASSIGN(const encoder::Camera camera, read_camera(o_.camera));
       cameras = {camera};
     } else if (metadata.start_camera) {
-      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, name()));
+      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, shown_file()));
       cameras = {camera};
     } else {
-      return usage_error("{}: has no start camera; give --camera or --cameras", name());
+      return usage_error("{}: has no start camera; give --camera or --cameras", shown_file());
     }
     if (!o_.size.empty()) {
       STGS_ASSIGN(const Size size, parse_size(o_.size));
@@ -161,14 +161,14 @@ class Render final : public Command {
     constexpr std::uint32_t kMostFrames = std::numeric_limits<int>::max();
     const std::uint32_t total = timeline.metadata().frames;
     if (total > kMostFrames) {
-      return unsupported("{}: has {} frames; more than {} cannot be drawn here", name(), total,
-                         kMostFrames);
+      return unsupported("{}: has {} frames; more than {} cannot be drawn here", shown_file(),
+                         total, kMostFrames);
     }
     std::vector<Moment> moments;
     if (time_->count() > 0) {
       if (o_.time < 0 || o_.time > timeline.duration_seconds()) {
         return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", o_.time,
-                           name(), timeline.duration_seconds());
+                           shown_file(), timeline.duration_seconds());
       }
       moments.push_back({o_.time, base.ticks(o_.time)});
     } else if (!o_.frames.empty()) {
@@ -193,8 +193,8 @@ class Render final : public Command {
               const Moment& moment, const player::View& view, PictureSink& sink, Totals& totals) {
     player::RenderStats stats;
     const double begin = now_seconds();
-    STGS_TRY(at_moment(renderer.render(timeline, moment.seconds, {view}, frames_, &stats), name(),
-                       moment.seconds));
+    STGS_TRY(at_moment(renderer.render(timeline, moment.seconds, {view}, frames_, &stats),
+                       shown_file(), moment.seconds));
     totals.draw += now_seconds() - begin;
     totals.stats.drawn += stats.drawn;
     totals.stats.fetch_ms += stats.fetch_ms;

@@ -3,8 +3,8 @@
 
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb_image_write.h>
-#include <algorithm>
 
+#include <algorithm>
 #include <utility>
 
 namespace app {
