@@ -185,7 +185,7 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
 // --- As drawn ------------------------------------------------------------------------------------
 
 // The primitive of format/math that a coupled Gaussian is: r = 0, times in ticks.
-struct CoupledDrawn {
+struct CoupledPrimitive {
   Vec3 log_scale;  // log scene units
   Quat rotation;
   Vec3 u;       // scene units a tick
@@ -224,7 +224,7 @@ STGS_FN TurnedRows turn_rows(TurnedRows r) {
 // Scales and rotation of the Gaussian whose covariance has the rows' dot products as its entries:
 // the rows are turned until they are orthogonal (Hestenes' one-sided Jacobi), which keeps the
 // relative precision of the shortest axis. `tick`: units of time.
-STGS_FN CoupledDrawn coupled_drawn(Coupled g, float tick) {
+STGS_FN CoupledPrimitive coupled_primitive(Coupled g, float tick) {
   CoupledRows r = coupled_rows(coupled_axes(g));
   float variance = quat_dot(r.t, r.t);
   Vec3 u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
@@ -236,7 +236,7 @@ STGS_FN CoupledDrawn coupled_drawn(Coupled g, float tick) {
   rest.rotation = quat_of(1.0f, 0.0f, 0.0f, 0.0f);
   for (int turn = 0; turn < 18; ++turn) rest = turn_rows(rest);
   float least = 1e-14f;  // variance of an axis, scene units^2
-  CoupledDrawn out;
+  CoupledPrimitive out;
   out.log_scale = vec3_of(0.5f * log(larger(quat_dot(rest.x, rest.x), least)),
                           0.5f * log(larger(quat_dot(rest.y, rest.y), least)),
                           0.5f * log(larger(quat_dot(rest.z, rest.z), least)));
@@ -246,7 +246,7 @@ STGS_FN CoupledDrawn coupled_drawn(Coupled g, float tick) {
   return out;
 }
 
-struct CoupledDrawnGrad {
+struct CoupledPrimitiveGrad {
   Sym3 covariance;  // without what is in log_scale
   Vec3 log_scale;   // for instance a regulariser's
   Vec3 u;
@@ -255,8 +255,8 @@ struct CoupledDrawnGrad {
 
 // From the gradient by what is drawn to the one by the parameters, standard deviations by their
 // logarithms.
-STGS_FN Coupled coupled_drawn_grad(Coupled g, float tick, Vec3 log_scale, Quat rotation,
-                                   CoupledDrawnGrad by) {
+STGS_FN Coupled coupled_primitive_grad(Coupled g, float tick, Vec3 log_scale, Quat rotation,
+                                       CoupledPrimitiveGrad by) {
   Conditional d;
   d.u = vec3_of(by.u.x * tick, by.u.y * tick, by.u.z * tick);
   d.sigma = by.sigma / tick;

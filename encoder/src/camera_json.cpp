@@ -34,9 +34,8 @@ void read_numbers(const Json& json, const char* name, std::span<double> out) {
 // A number of the text may be any; what no int holds must not become one.
 int read_side(const Json& json, const char* name) {
   const auto value = json.at(name).get<double>();
-  if (value >= 0 && value <= kMaxPictureSide) return static_cast<int>(value);
-  throw std::runtime_error(
-      fmt::format("{} is {}, not 1 to {} pixels", name, value, kMaxPictureSide));
+  if (value >= 0 && value <= kMaxImageSide) return static_cast<int>(value);
+  throw std::runtime_error(fmt::format("{} is {}, not 1 to {} pixels", name, value, kMaxImageSide));
 }
 
 }  // namespace
@@ -76,10 +75,10 @@ Json camera_to_json(const Camera& camera) {
 }
 
 Status check_camera(const Camera& camera, const std::string& where) {
-  const auto side = [](int v) { return v >= 1 && v <= kMaxPictureSide; };
+  const auto side = [](int v) { return v >= 1 && v <= kMaxImageSide; };
   if (!side(camera.width) || !side(camera.height)) {
     return invalid_file("{}: camera '{}' is of {}x{} pixels; width and height must be 1 to {}",
-                        where, camera.name, camera.width, camera.height, kMaxPictureSide);
+                        where, camera.name, camera.width, camera.height, kMaxImageSide);
   }
   if (!positive(camera.fx) || !positive(camera.fy) || !finite(camera.cx) || !finite(camera.cy)) {
     return invalid_file(

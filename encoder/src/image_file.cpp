@@ -27,7 +27,7 @@ constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // and so an in
 
 Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
                       const std::string& path) {
-  if (jpeg_breaks_off(bytes)) {
+  if (is_truncated_jpeg(bytes)) {
     return invalid_file(
         "{}: cannot decode this picture: in {} bytes of JPEG there is no end-of-image marker: it "
         "was cut short, or its writer left that out; copy it again, or write it anew",
@@ -39,7 +39,7 @@ Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
       0) {
     return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
   }
-  STGS_TRY(check_picture_size(image.width, image.height, path));
+  STGS_TRY(check_image_size(image.width, image.height, path));
   const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
       stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
                             channels),
@@ -55,19 +55,19 @@ Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
 
 }  // namespace
 
-Status check_picture_size(std::int64_t width, std::int64_t height, const std::string& path) {
-  if (width < 1 || height < 1 || width > kMaxPictureSide || height > kMaxPictureSide) {
+Status check_image_size(std::int64_t width, std::int64_t height, const std::string& path) {
+  if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide) {
     return invalid_file("{}: {}x{} pixels is no size for a picture; a side has 1 to {}", path,
-                        width, height, kMaxPictureSide);
+                        width, height, kMaxImageSide);
   }
-  if (width * height > kMaxPicturePixels) {
+  if (width * height > kMaxImagePixels) {
     return unsupported("{}: {}x{} is too large a picture; at most {} pixels are read", path, width,
-                       height, kMaxPicturePixels);
+                       height, kMaxImagePixels);
   }
   return {};
 }
 
-bool jpeg_breaks_off(std::span<const std::uint8_t> bytes) {
+bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
   constexpr std::uint8_t kMark = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9;
   if (bytes.size() < 2 || bytes[0] != kMark || bytes[1] != kStartOfImage) return false;
   std::size_t at = 2;

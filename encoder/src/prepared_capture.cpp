@@ -94,12 +94,12 @@ math::PinholeCamera Camera::pinhole(float near_plane) const {
 }
 
 std::string PreparedCapture::frame_path(const Camera& camera, int frame) const {
-  return fmt::format("{}/frames/{}/{:06}.{}", folder, camera.name, frame + skipped(),
+  return fmt::format("{}/frames/{}/{:06}.{}", folder, camera.name, frame + frame_offset(),
                      frame_extension);
 }
 
 std::string PreparedCapture::mask_path(const Camera& camera, int frame) const {
-  return fmt::format("{}/masks/{}/{:06}.png", folder, camera.name, frame + skipped());
+  return fmt::format("{}/masks/{}/{:06}.png", folder, camera.name, frame + frame_offset());
 }
 
 Result<PreparedCapture> read_prepared_capture(const std::string& folder) {

@@ -165,7 +165,7 @@ void ReportPage::table(const std::vector<std::pair<std::string, std::string>>& r
   html_ += "</table>\n";
 }
 
-void ReportPage::picture(const std::string& file, const std::string& caption) {
+void ReportPage::image(const std::string& file, const std::string& caption) {
   html_ += fmt::format("<figure><img src=\"{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
                        escape_link(file), escape_html(caption), escape_html(caption));
 }
@@ -219,7 +219,7 @@ Status ReportPage::write(const std::string& folder) const {
                                {reinterpret_cast<const std::uint8_t*>(html_.data()), html_.size()});
 }
 
-std::vector<std::pair<std::string, double>> labelled(const std::vector<HistogramBin>& bins) {
+std::vector<std::pair<std::string, double>> histogram_bars(const std::vector<HistogramBin>& bins) {
   const auto full = [](const HistogramBin& bin) { return bin.count > 0; };
   const auto first = std::find_if(bins.begin(), bins.end(), full);
   const auto last = std::find_if(bins.rbegin(), bins.rend(), full).base();

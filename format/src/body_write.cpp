@@ -108,8 +108,8 @@ std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& p
         segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
   }
   const TierPlan plan = plan_tiers(
-      encoding.importance,
-      needed_at_moments(parts, whole, encoding.chunk_ticks, encoding.set->size()), encoding.tiers);
+      encoding.importance, measure_demand(parts, whole, encoding.chunk_ticks, encoding.set->size()),
+      encoding.tiers);
   std::vector<Piece> pieces;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : whole[p]) {

@@ -49,7 +49,7 @@ class FileSource final : public ByteSource {
     return size_.exchange(bytes_of(info)) == bytes_of(info) ? Change::kNone : Change::kResized;
   }
 
-  bool has_lost_bytes() const override {
+  bool has_shrunk() const override {
     struct stat info {};
     return ::fstat(fd_, &info) == 0 && bytes_of(info) < size();
   }
@@ -58,7 +58,7 @@ class FileSource final : public ByteSource {
     struct stat info {};
     if (::fstat(fd_, &info) == 0) finished_at_ = written_at(info);
   }
-  bool was_written() const override {
+  bool was_modified() const override {
     struct stat info {};
     const std::int64_t before = finished_at_;
     return before != 0 && ::fstat(fd_, &info) == 0 &&

@@ -22,7 +22,7 @@ inline constexpr std::uint64_t kRecordHeaderBytes = 32;
 inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.2
 // The most primitives that a record has for each of its bytes (spec 5.5): rANS, whose blocks of
 // 2048 take 132 bytes at least, stays below.
-inline constexpr std::uint64_t kMostPrimitivesPerByte = 16;
+inline constexpr std::uint64_t kMaxPrimitivesPerByte = 16;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.4
 inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.4
 inline constexpr std::uint32_t kFragmentClosed = 1;            // fragment flag, spec 5.12
@@ -202,14 +202,14 @@ struct FileHead {
   LayoutSet layouts;
   std::vector<PartEntry> parts;
   FileIndex index;
-  bool closed = true;             // nothing more will be appended
-  std::uint64_t index_bytes = 0;  // that were read: the head, and what there is of FRAG
-  std::uint64_t there = 0;        // bytes of the file that there are
+  bool closed = true;                 // nothing more will be appended
+  std::uint64_t index_bytes = 0;      // that were read: the head, and what there is of FRAG
+  std::uint64_t available_bytes = 0;  // bytes of the file that there are
   std::uint64_t head_checksum = 0;
   std::vector<std::uint8_t> repaired;  // the head, where it was read from its copy
   std::vector<PrivateName> private_names;
   std::vector<FragmentEntry> fragments;  // of a growing file, in the order of the file
-  std::vector<LostStretch> lost;         // the same
+  std::vector<LostFragment> lost;        // the same
   std::uint32_t unreached_frames = 0;    // of a fragment behind the last complete one
 
   // Whether a record is there (spec 2.6), if it is one.

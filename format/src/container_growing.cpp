@@ -240,16 +240,16 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
 
 // What lies between a fragment and the one that the index goes on with before it, null: none. The
 // parts from `first_part` and the segments from `first_segment` on are those that it lists.
-LostStretch lost_between(const Fragment* before, const Fragment& fragment, const FileHead& head,
-                         std::size_t first_part, std::size_t first_segment) {
-  LostStretch lost;
-  lost.moments = {before != nullptr ? before->header.frames : 0.0,
-                  static_cast<double>(fragment.header.frames)};
+LostFragment lost_between(const Fragment* before, const Fragment& fragment, const FileHead& head,
+                          std::size_t first_part, std::size_t first_segment) {
+  LostFragment lost;
+  lost.range = {before != nullptr ? before->header.frames : 0.0,
+                static_cast<double>(fragment.header.frames)};
   for (std::size_t p = first_part; p < head.parts.size(); ++p) {
     const PartEntry& part = head.parts[p];
-    lost.moments.end = std::min(lost.moments.end, part.cut ? part.cut->begin : part.begin);
+    lost.range.end = std::min(lost.range.end, part.cut ? part.cut->begin : part.begin);
   }
-  lost.moments.end = std::max(lost.moments.begin, lost.moments.end);
+  lost.range.end = std::max(lost.range.begin, lost.range.end);
   std::uint64_t end = fragment.offset;
   for (std::size_t s = first_segment; s < head.index.segments.size(); ++s) {
     end = std::min(end, head.index.segments[s].base.offset);

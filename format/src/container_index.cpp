@@ -229,7 +229,7 @@ class IndexReader {
 
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
     if (entry.primitives <=
-        kMostPrimitivesPerByte *
+        kMaxPrimitivesPerByte *
             std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
       return true;
     }

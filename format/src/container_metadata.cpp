@@ -22,11 +22,11 @@ bool all_finite(std::span<const float> values) {
 }
 
 void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
-  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxPictureSide; };
+  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxImageSide; };
   if (!side(camera.width) || !side(camera.height)) {
     findings.error(N::kMetadataValue, offset,
                    "metadata: a start camera of {}x{} pixels; each side is 1 to {}", camera.width,
-                   camera.height, kMaxPictureSide);
+                   camera.height, kMaxImageSide);
   }
   const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
   if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
@@ -68,8 +68,8 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   out.f32(scene.metres_per_unit);
   for (float v : scene.up) out.f32(v);
   for (float v : scene.floor) out.f32(v);
-  out.string(scene.sound);
-  out.f64(scene.sound_begin);
+  out.string(scene.audio);
+  out.f64(scene.audio_begin);
   return out.take();
 }
 
@@ -103,11 +103,11 @@ void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, F
     }
   }
   if (scene.start_camera) check_start_camera(*scene.start_camera, offset, findings);
-  if (!(std::abs(scene.sound_begin) <= kMostChunk)) {
+  if (!(std::abs(scene.audio_begin) <= kMostChunk)) {
     findings.error(N::kMetadataValue, offset, "metadata: a sound that begins at tick {}",
-                   scene.sound_begin);
+                   scene.audio_begin);
   }
-  if (!is_utf8(scene.generator) || !is_utf8(scene.title) || !is_utf8(scene.sound)) {
+  if (!is_utf8(scene.generator) || !is_utf8(scene.title) || !is_utf8(scene.audio)) {
     findings.error(N::kMetadataText, offset,
                    "metadata: generator, title or the sound's place is not UTF-8");
   }
@@ -141,8 +141,8 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   scene.metres_per_unit = in.f32();
   for (float& v : scene.up) v = in.f32();
   for (float& v : scene.floor) v = in.f32();
-  scene.sound = in.string();
-  scene.sound_begin = in.f64();
+  scene.audio = in.string();
+  scene.audio_begin = in.f64();
   if (!in.ok()) {
     findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
     return false;

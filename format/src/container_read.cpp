@@ -250,7 +250,7 @@ void report_truncation(const FileHead& head, Findings& findings) {
   findings.damage(N::kFileSize, 16,
                   "the file is truncated: {} bytes instead of {}; of its {} segments {} are not "
                   "there, and {} are there without their harmonics; copy or fetch it again",
-                  head.there, head.header.file_bytes, segments.size(), lost, plain);
+                  head.available_bytes, head.header.file_bytes, segments.size(), lost, plain);
 }
 
 }  // namespace
@@ -328,7 +328,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
 bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                Findings& findings) {
   head.limits = limits;
-  head.there = source.size();
+  head.available_bytes = source.size();
   std::vector<std::uint8_t> bytes;
   if (!read_or_repair(source, limits, head, bytes, findings)) return false;
   if (!walk_head(bytes, limits, head, findings)) return false;
@@ -339,7 +339,8 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& hea
     if (!read_fragments(source, head, findings)) return false;
   }
   check_window(head.metadata.scene, findings);
-  if (!head.growing() && head.there < head.header.file_bytes) report_truncation(head, findings);
+  if (!head.growing() && head.available_bytes < head.header.file_bytes)
+    report_truncation(head, findings);
   return true;
 }
 

@@ -27,7 +27,7 @@ constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6, 1e6},
                              {16'000'000, 256 * kMiB, 16 * kMiB, 400e6, 64e6}};
 
 std::uint64_t bytes_of(const SegmentInfo& segment) {
-  return segment.bytes + segment.harmonics_bytes;
+  return segment.bytes + segment.sh_bytes;
 }
 
 // Clause 2.2, of a record that has a layout of its own.
@@ -37,7 +37,7 @@ std::uint64_t table_work(std::uint64_t record_bytes) {
 
 std::uint64_t work_of(const SegmentInfo& segment, bool own_layouts) {
   const std::uint64_t tables =
-      own_layouts ? table_work(segment.bytes) + table_work(segment.harmonics_bytes) : 0;
+      own_layouts ? table_work(segment.bytes) + table_work(segment.sh_bytes) : 0;
   return std::max<std::uint64_t>(segment.primitives, kLeastWork) + tables;
 }
 
@@ -78,7 +78,7 @@ class Held {
 std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments) {
   std::vector<std::uint32_t> order;
   for (std::uint32_t s = 0; s < segments.size(); ++s) {
-    if (segments[s].shown()) order.push_back(s);
+    if (segments[s].is_shown()) order.push_back(s);
   }
   std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return segments[a].begin_ticks < segments[b].begin_ticks;

@@ -89,7 +89,7 @@ ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera
     out.mean += drifts[i];
     out.opacity_weighted += opacity * drifts[i];
     weights += opacity;
-    if (drifts[i] <= kStillDrift) ++out.within_bound;
+    if (drifts[i] <= kStaticDrift) ++out.within_bound;
   }
   out.primitives = seen.size();
   if (seen.empty()) return out;

@@ -35,7 +35,7 @@ Step finer(Step step, int halvings, int least_exponent) {
   return {std::max(least_exponent, step.exponent - halvings), step.multiplier};
 }
 Step finer_time(Step step, int halvings) {
-  return finer(step, halvings, kLeastExponent);
+  return finer(step, halvings, kMinExponent);
 }
 Step finer_lifespan(Step step, int halvings) {
   return finer(step, halvings, kLeastLifespan);
@@ -213,7 +213,7 @@ LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, 
   }
   const auto fits = [this](int halvings) {
     const Step step = finer_time(time_, halvings);
-    return nearest(reach_, step) < most_steps(Mapping::kMoment, step.multiplier) / 2;
+    return nearest(reach_, step) < max_steps(Mapping::kTime, step.multiplier) / 2;
   };
   while (finest_time_ < kMostHalvings && fits(finest_time_ + 1)) ++finest_time_;
 }

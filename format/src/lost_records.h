@@ -5,21 +5,21 @@
 #include <algorithm>
 #include <vector>
 
-#include "stgs/format/scene_losses.h"
+#include "stgs/format/damage_report.h"
 
 namespace stgs {
 
 // Counts a record, of `bytes`, that cannot be read because of `reason`; it is shown at `moments`.
-inline void count_lost(SceneLosses& losses, const TickRange& moments, std::uint64_t bytes,
+inline void count_lost(DamageReport& losses, const TickRange& moments, std::uint64_t bytes,
                        const Status& reason) {
   losses.bytes += bytes;
   if (losses.reason.ok()) losses.reason = reason;
-  if (moments.begin < moments.end) losses.moments.push_back(moments);
+  if (moments.begin < moments.end) losses.ranges.push_back(moments);
 }
 
 // Joins what overlaps or follows each other.
-inline void join_moments(SceneLosses& losses) {
-  std::vector<TickRange>& moments = losses.moments;
+inline void join_moments(DamageReport& losses) {
+  std::vector<TickRange>& moments = losses.ranges;
   std::sort(moments.begin(), moments.end(),
             [](const TickRange& a, const TickRange& b) { return a.begin < b.begin; });
   std::size_t kept = 0;

@@ -172,8 +172,7 @@ Digits byte_digits(const std::vector<Sample>& samples, double total, int bits) {
 }
 
 bool has_origin(Mapping mapping) {
-  return mapping == Mapping::kLinear || mapping == Mapping::kTruncated ||
-         mapping == Mapping::kMoment;
+  return mapping == Mapping::kLinear || mapping == Mapping::kTruncated || mapping == Mapping::kTime;
 }
 
 // The least of each component, where the mapping can count from it; else 0.

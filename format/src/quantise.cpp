@@ -45,7 +45,7 @@ constexpr double kLeastRotation = -12.0, kMostRotation = -2.5;
 
 // The least power of two in which numbers up to `largest` fit `bits` bits.
 Step step_for(double largest, int bits) {
-  return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kLeastExponent);
+  return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kMinExponent);
 }
 
 // The value that so many hundredths of others lie below; 0 of none.
@@ -125,7 +125,7 @@ Integers begin(Attribute attribute, Mapping mapping, Step step, int components, 
 
 // x in steps, so few that a mapping can sum two of these.
 std::uint32_t steps_in(double x, Step step, Mapping mapping) {
-  const std::int64_t most = most_steps(mapping, step.multiplier) / 2;
+  const std::int64_t most = max_steps(mapping, step.multiplier) / 2;
   return static_cast<std::uint32_t>(std::clamp(nearest(x, step), -most, most));
 }
 
@@ -145,8 +145,8 @@ Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, S
 
 // The same from the beginning of the segment on.
 Integers moments(const Gaussians4D& part, Step step, double segment_begin) {
-  Integers out = linear(part, Attribute::kTime, Mapping::kMoment, step);
-  const auto first = static_cast<std::uint32_t>(first_moment(segment_begin, step));
+  Integers out = linear(part, Attribute::kTime, Mapping::kTime, step);
+  const auto first = static_cast<std::uint32_t>(time_origin(segment_begin, step));
   for (std::uint32_t& v : out.values) v -= first;
   return out;
 }
@@ -166,7 +166,7 @@ Integers displacement(const Gaussians4D& part, Step step, float part_ticks) {
   Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, step, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
     const int e = step.exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
-    const Step own{std::clamp(e, kLeastExponent, kGreatestExponent), step.multiplier};
+    const Step own{std::clamp(e, kMinExponent, kMaxExponent), step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = steps_in(part.velocity[3 * i + c], own, Mapping::kDisplacement);
     }
@@ -181,7 +181,7 @@ Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, Ste
   for (std::size_t i = 0; i < n; ++i) {
     const float* q = part.rotation.data() + 4 * i;
     const Step own{std::clamp(step.exponent + rotation_shift(shapes.data() + 3 * i),
-                              kFinestRotation, kCoarsestRotation),
+                              kMinRotationExponent, kMaxRotationExponent),
                    step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));

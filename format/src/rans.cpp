@@ -18,8 +18,8 @@ std::size_t block_size(std::size_t n, std::size_t block) {
 
 }  // namespace
 
-Result<std::vector<RansBlockPlace>> rans_layout(std::span<const std::uint8_t> bytes,
-                                                std::size_t n) {
+Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
+                                                   std::size_t n) {
   const std::size_t count = rans_blocks(n);
   // Each block has a size and a state at least.
   if (count > bytes.size() / 8) {
@@ -27,7 +27,7 @@ Result<std::vector<RansBlockPlace>> rans_layout(std::span<const std::uint8_t> by
   }
   ByteReader sizes(bytes), data(bytes);
   data.bytes(4 * count);
-  std::vector<RansBlockPlace> places(count);
+  std::vector<RansBlockLocation> places(count);
   for (std::size_t b = 0; b < count; ++b) {
     places[b] = {data.position(), sizes.u32()};
     bool possible = true;
@@ -54,7 +54,7 @@ RansGroupDecoder::~RansGroupDecoder() = default;
 
 Result<RansGroupDecoder> RansGroupDecoder::open(std::span<const std::uint8_t> bytes, std::size_t n,
                                                 bool scalar) {
-  STGS_ASSIGN(const std::vector<RansBlockPlace> places, rans_layout(bytes, n));
+  STGS_ASSIGN(const std::vector<RansBlockLocation> places, rans_layout(bytes, n));
   auto blocks = std::make_unique<RansBlock[]>(places.size());
   for (std::size_t b = 0; b < places.size(); ++b) {
     RansBlock& block = blocks[b];

@@ -37,9 +37,9 @@ bool last_stretch_is_whole(const ByteSource& source, const FileHead& head) {
 
 // Counts the segments of the last part as lost where they all are; else false.
 Result<bool> lose_last_stretch(const ByteSource& source, const FileHead& head,
-                               SceneLosses& losses) {
+                               DamageReport& losses) {
   const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
-  SceneLosses lost;
+  DamageReport lost;
   std::vector<std::uint8_t> bytes;
   for (const SegmentEntry& segment : head.index.segments) {
     if (segment.part != last) continue;
@@ -55,10 +55,10 @@ Result<bool> lose_last_stretch(const ByteSource& source, const FileHead& head,
   }
   if (lost.segments == 0) return false;
   lost.damage = std::move(losses.damage);
-  lost.lost_stretches = std::move(losses.lost_stretches);
+  lost.lost_fragments = std::move(losses.lost_fragments);
   lost.incomplete_bytes = losses.incomplete_bytes;
   lost.unreached_frames = losses.unreached_frames;
-  lost.of_segments = losses.of_segments;
+  lost.total_segments = losses.total_segments;
   losses = std::move(lost);
   return true;
 }
@@ -169,7 +169,7 @@ Result<FileHead> read_resumable(const ByteSource& source) {
   }
 }
 
-Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses) {
+Result<FileHead> read_recording(const ByteSource& source, DamageReport& losses) {
   Findings findings;
   FileHead head;
   read_head(source, {}, head, findings);
@@ -179,10 +179,10 @@ Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses) {
   }
   losses = {};
   losses.damage = findings.take();
-  losses.lost_stretches = head.lost;
+  losses.lost_fragments = head.lost;
   losses.incomplete_bytes = source.size() - head.header.file_bytes;
   losses.unreached_frames = head.unreached_frames;
-  losses.of_segments = head.index.segments.size();
+  losses.total_segments = head.index.segments.size();
   if (head.closed || head.parts.size() < 2) return head;
   STGS_ASSIGN(const bool lost, lose_last_stretch(source, head, losses));
   if (!lost) return head;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "container.h"
-#include "stgs/format/scene_losses.h"
+#include "stgs/format/damage_report.h"
 
 namespace stgs {
 
@@ -33,6 +33,6 @@ Result<FileHead> read_resumable(const ByteSource& source);
 // What is complete of a recording, without a last fragment none of whose records reached the disk;
 // `losses` receives what opening it finds, and that fragment's segments. kUsage where the file is
 // no recording.
-Result<FileHead> read_recording(const ByteSource& source, SceneLosses& losses);
+Result<FileHead> read_recording(const ByteSource& source, DamageReport& losses);
 
 }  // namespace stgs

@@ -8,8 +8,8 @@
 
 #include "bytes.h"
 #include "segment.h"
+#include "stgs/format/damage_report.h"
 #include "stgs/format/parallel.h"
-#include "stgs/format/scene_losses.h"
 
 namespace stgs {
 namespace {
@@ -50,7 +50,7 @@ class Extras {
       STGS_TRY(find_records(source_, at, record->offset));
       at = record->offset + record->bytes;
     }
-    STGS_TRY(find_records(source_, at, std::min(head_.header.file_bytes, head_.there)));
+    STGS_TRY(find_records(source_, at, std::min(head_.header.file_bytes, head_.available_bytes)));
     find_attributes();
     if (head_.metadata.profile_number >= kFirstPrivate) {
       lines_.push_back(

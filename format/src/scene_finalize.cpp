@@ -60,7 +60,7 @@ Status mend(const ByteSource& source, const FileHead& head, const std::string& o
 // Copies the records of a recording to a file.
 class Finalizer {
  public:
-  Finalizer(const ByteSource& source, FileHead& head, SceneLosses& losses)
+  Finalizer(const ByteSource& source, FileHead& head, DamageReport& losses)
       : source_(source), head_(head), losses_(losses), records_(indexed_records(head.index)) {}
 
   Status write(const std::string& output) {
@@ -212,7 +212,7 @@ class Finalizer {
 
   const ByteSource& source_;
   FileHead& head_;
-  SceneLosses& losses_;
+  DamageReport& losses_;
   std::set<const SegmentEntry*> lost_bases_;
   std::uint64_t lost_primitives_ = 0;
   std::vector<IndexedRecord> records_;
@@ -223,7 +223,7 @@ class Finalizer {
 }  // namespace
 
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
-                      SceneLosses& losses) {
+                      DamageReport& losses) {
   try {
     STGS_ASSIGN(FileHead head, read_recording(*recording, losses));
     if (!head.growing()) return mend(*recording, head, output);

@@ -37,10 +37,10 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
 // Up to where nothing is missing.
 double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
   double ticks = head.metadata.scene.frames;
-  for (const LostStretch& lost : head.lost) ticks = std::min(ticks, lost.moments.begin);
+  for (const LostFragment& lost : head.lost) ticks = std::min(ticks, lost.range.begin);
   for (const SegmentInfo& segment : segments) {
-    const bool whole = segment.there && segment.harmonics_there;
-    if (segment.shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
+    const bool whole = segment.available && segment.sh_available;
+    if (segment.is_shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
   }
   return ticks;
 }
@@ -76,9 +76,9 @@ class Reader final : public SceneReader {
   std::uint32_t unreached_frames() const override { return head_.unreached_frames; }
   const std::vector<Issue>& damage() const override { return damage_; }
   std::uint64_t missing_bytes() const override {
-    return head_.header.file_bytes - std::min(head_.there, head_.header.file_bytes);
+    return head_.header.file_bytes - std::min(head_.available_bytes, head_.header.file_bytes);
   }
-  const std::vector<LostStretch>& lost_stretches() const override { return head_.lost; }
+  const std::vector<LostFragment>& lost_fragments() const override { return head_.lost; }
   double complete_ticks() const override { return complete_ticks_; }
 
   Result<bool> refresh() override {
@@ -198,7 +198,7 @@ class Reader final : public SceneReader {
   // Of bytes that lie before the file's stated end.
   bool is_there(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
     const std::uint64_t needed = std::min(bytes, head_.header.file_bytes - at);
-    if (at <= head_.there && needed <= head_.there - at) return true;
+    if (at <= head_.available_bytes && needed <= head_.available_bytes - at) return true;
     findings.error(N::kFileSize, at, "what follows the segments is cut off, the file is truncated");
     return false;
   }
@@ -272,16 +272,16 @@ const char* profile_name(Profile profile) {
   return "unknown";
 }
 
-Result<Gaussians4D> SceneReader::decode_sound(std::uint32_t segment, Status& lost) const {
+Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& lost) const {
   lost = {};
-  if (segment < segments().size() && !segments()[segment].harmonics_there) {
+  if (segment < segments().size() && !segments()[segment].sh_available) {
     lost = invalid_file("segment {}: its harmonics are not there, the file is truncated", segment);
     return decode(segment, false);
   }
   Result<Gaussians4D> whole = decode(segment, true);
   const StatusCode code = whole.status().code();
   const bool of_the_file = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-  if (!of_the_file || segments()[segment].harmonics_bytes == 0) return whole;
+  if (!of_the_file || segments()[segment].sh_bytes == 0) return whole;
   Result<Gaussians4D> base = decode(segment, false);
   if (!base.ok()) return base;
   lost = whole.status();

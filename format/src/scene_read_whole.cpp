@@ -21,7 +21,7 @@ std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint
   std::size_t end = begin;
   for (; end < segments.size(); ++end) {
     const std::uint64_t need =
-        segments[end].bytes + segments[end].harmonics_bytes +
+        segments[end].bytes + segments[end].sh_bytes +
         8 * floats_per_primitive(reader.sh_degree()) * std::uint64_t{segments[end].primitives};
     if (need > left && end > begin) break;
     left -= std::min(left, need);
@@ -48,7 +48,7 @@ std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memor
     std::vector<Gaussians4D> decoded(end - begin);
     parallel_for(begin, end, [&](std::size_t i) {
       Result<Gaussians4D> part =
-          reader.decode_sound(static_cast<std::uint32_t>(i), outcomes[i].harmonics);
+          reader.decode_intact(static_cast<std::uint32_t>(i), outcomes[i].harmonics);
       outcomes[i].base = part.status();
       if (part.ok()) decoded[i - begin] = std::move(part).value();
     });
@@ -69,8 +69,8 @@ bool is_of_the_file(const Status& status) {
 
 // Counts what is lost of the segments; an error that is not the file's ends the reading.
 Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& outcomes,
-                      SceneLosses& losses) {
-  losses.of_segments = outcomes.size();
+                      DamageReport& losses) {
+  losses.total_segments = outcomes.size();
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const SegmentInfo& segment = reader.segments()[i];
     const auto& [base, harmonics] = outcomes[i];
@@ -79,10 +79,10 @@ Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& out
       if (!is_of_the_file(base)) return base;
       ++losses.segments;
       losses.primitives += segment.primitives;
-      count_lost(losses, moments, segment.bytes + segment.harmonics_bytes, base);
+      count_lost(losses, moments, segment.bytes + segment.sh_bytes, base);
     } else if (!harmonics.ok()) {
-      ++losses.harmonics;
-      count_lost(losses, moments, segment.harmonics_bytes, harmonics);
+      ++losses.segments_without_sh;
+      count_lost(losses, moments, segment.sh_bytes, harmonics);
     }
   }
   join_moments(losses);
@@ -91,7 +91,7 @@ Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& out
 }
 
 // The importances, where there is nothing wrong with them.
-Status read_importance(const SceneReader& reader, SceneLosses& losses, Scene& scene) {
+Status read_importance(const SceneReader& reader, DamageReport& losses, Scene& scene) {
   Result<std::vector<float>> values = reader.importance();
   if (values.ok()) {
     scene.importance = std::move(values).value();
@@ -118,14 +118,14 @@ void leave_out(const SceneReader& reader, const std::vector<Outcome>& outcomes, 
 
 }  // namespace
 
-Result<Scene> read_sound_scene(std::unique_ptr<ByteSource> source, SceneLosses& losses,
-                               const ReadLimits& limits) {
+Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& losses,
+                            const ReadLimits& limits) {
   losses = {};
   const std::string path = source->name();
   STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
               SceneReader::open(std::move(source), limits));
   losses.damage = reader->damage();
-  losses.lost_stretches = reader->lost_stretches();
+  losses.lost_fragments = reader->lost_fragments();
   losses.incomplete_bytes = reader->incomplete_bytes();
   losses.unreached_frames = reader->unreached_frames();
   const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
@@ -150,10 +150,10 @@ Result<Scene> read_sound_scene(std::unique_ptr<ByteSource> source, SceneLosses& 
   }
 }
 
-Result<Scene> read_sound_scene(const std::string& path, SceneLosses& losses,
-                               const ReadLimits& limits) {
+Result<Scene> recover_scene(const std::string& path, DamageReport& losses,
+                            const ReadLimits& limits) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  return read_sound_scene(std::move(source), losses, limits);
+  return recover_scene(std::move(source), losses, limits);
 }
 
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
@@ -162,8 +162,8 @@ Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
 }
 
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits) {
-  SceneLosses losses;
-  STGS_ASSIGN(Scene scene, read_sound_scene(std::move(source), losses, limits));
+  DamageReport losses;
+  STGS_ASSIGN(Scene scene, recover_scene(std::move(source), losses, limits));
   STGS_TRY(losses.reason);
   STGS_TRY(losses.importance);
   return scene;

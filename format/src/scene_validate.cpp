@@ -67,7 +67,7 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
                    std::uint64_t end, std::uint32_t& frames, Findings& findings) {
   while (at < end) {
-    const std::uint64_t left = head.there - std::min(at, head.there);
+    const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // truncated: reported
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
     if (Status status = source.read(at, bytes); !status.ok()) {

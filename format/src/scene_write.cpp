@@ -63,7 +63,7 @@ Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
     primitives += part.primitives;
-    const TickRange shown = part.shown();
+    const TickRange shown = part.shown_range();
     const double first = part.cut ? std::max(part.begin_ticks, 0.0) : part.begin_ticks;
     if (!is_moment(part.begin_ticks) || !is_moment(part.end_ticks) || !is_moment(shown.begin) ||
         !is_moment(shown.end) || part.end_ticks - part.begin_ticks > kMostChunk ||

@@ -123,7 +123,7 @@ class RecordDecoder {
     }
     out.bytes.assign(record_.group.begin(), record_.group.end());
     if (layout_.has_group()) {
-      Result<std::vector<RansBlockPlace>> blocks = rans_layout(record_.group, n_);
+      Result<std::vector<RansBlockLocation>> blocks = rans_layout(record_.group, n_);
       if (!blocks.ok()) return corrupt("rANS", blocks.status().message().c_str()), false;
       out.blocks = std::move(*blocks);
       // Who decodes planes sees how the blocks end; where all are constant nobody else looks.

@@ -13,7 +13,7 @@ SegmentTimes::SegmentTimes(const std::vector<SegmentInfo>& segments, double fram
   std::map<int, Group> groups;  // by the power of two of their length
   for (std::uint32_t i = 0; i < segments.size(); ++i) {
     const SegmentInfo& segment = segments[i];
-    if (!segment.shown()) continue;
+    if (!segment.is_shown()) continue;
     const double length = segment.end_ticks - segment.begin_ticks;
     Group& group = groups[std::ilogb(length)];
     group.longest = std::max(group.longest, length);

@@ -20,7 +20,7 @@ void unpack_streams(const Layout& layout, const RecordPlanes& planes,
   for (std::size_t i = 0; i < streams.size(); ++i) {
     const std::size_t size = layout.streams[i].planes() * planes.n;
     const bool packed = static_cast<Coder>(layout.streams[i].coder) == Coder::kBytes;
-    if (packed && planes.n / kMostPrimitivesPerByte > bytes) {
+    if (packed && planes.n / kMaxPrimitivesPerByte > bytes) {
       bytes += size - streams[i].size();
       streams[i].assign(at, at + size);
     }

@@ -17,7 +17,7 @@ Step step_of(int multiples, int exponent) {
     multiples /= 2;
     ++exponent;
   }
-  return {std::clamp(exponent, kLeastExponent, kGreatestExponent), multiples};
+  return {std::clamp(exponent, kMinExponent, kMaxExponent), multiples};
 }
 
 template <typename Round>

@@ -100,7 +100,7 @@ inline int rotation_shift(const float* log_scale) {
 inline int lifespan_exponent(float sigma, float radius, float part_ticks) {
   const float lifespan = std::min(radius + 2.0f * sigma, part_ticks);
   const int exponent = static_cast<int>(std::bit_cast<std::uint32_t>(lifespan) >> 23 & 0xFF) - 127;
-  return std::clamp(exponent, kLeastLife, kGreatestLife);
+  return std::clamp(exponent, kMinLifespanExponent, kMaxLifespanExponent);
 }
 
 constexpr std::uint32_t zigzag(std::int32_t q) {

@@ -17,16 +17,16 @@ constexpr std::size_t kRun = 128;      // of all their streams at a time: their 
 using Carries = std::array<std::uint64_t, kMostComponents>;
 
 constexpr float least_origin() {
-  return std::bit_cast<float>(static_cast<std::uint32_t>(kLeastExponent + 127) << 23);
+  return std::bit_cast<float>(static_cast<std::uint32_t>(kMinExponent + 127) << 23);
 }
 
 // Whether no arithmetic with them can be subnormal or infinite (spec 7.5).
 bool numbers_fit(const StreamRow& row) {
   const auto fits = [](float v) {
     const float size = std::abs(v);
-    return v == 0.0f || (size >= least_origin() && size <= std::bit_cast<float>(kMostTruncated));
+    return v == 0.0f || (size >= least_origin() && size <= std::bit_cast<float>(kMaxTruncated));
   };
-  return row.step.exponent >= kLeastExponent && row.step.exponent <= kGreatestExponent &&
+  return row.step.exponent >= kMinExponent && row.step.exponent <= kMaxExponent &&
          row.step.multiplier % 2 == 1 &&
          std::all_of(std::begin(row.origin), std::end(row.origin), fits);
 }
@@ -47,12 +47,12 @@ bool mapping_fits(const StreamRow& row) {
       return attribute == Attribute::kVelocity;
     case Mapping::kColour:
       return attribute >= Attribute::kSh0;
-    case Mapping::kMoment:
+    case Mapping::kTime:
       return attribute == Attribute::kTime;
     case Mapping::kRotation:
     case Mapping::kShapedRotation:
-      return attribute == Attribute::kRotation && row.step.exponent <= kCoarsestRotation &&
-             row.step.exponent >= kFinestRotation;
+      return attribute == Attribute::kRotation && row.step.exponent <= kMaxRotationExponent &&
+             row.step.exponent >= kMinRotationExponent;
   }
   return false;
 }
@@ -80,7 +80,7 @@ bool digits_fit(const StreamRow& row, bool morton) {
 
 }  // namespace
 
-std::int64_t first_moment(double begin, Step step) {
+std::int64_t time_origin(double begin, Step step) {
   constexpr double kLimit = 2.0 * kMaxInteger;
   const double steps = begin / std::ldexp(step.multiplier, step.exponent);
   return static_cast<std::int64_t>(std::clamp(std::floor(steps), -kLimit, kLimit));
@@ -89,7 +89,7 @@ std::int64_t first_moment(double begin, Step step) {
 bool is_known(const StreamRow& row) {
   return row.attribute >= static_cast<int>(Attribute::kPosition) &&
          row.attribute <= static_cast<int>(Attribute::kSh3) &&
-         row.mapping <= static_cast<int>(Mapping::kMoment) &&
+         row.mapping <= static_cast<int>(Mapping::kTime) &&
          row.prediction <= static_cast<int>(Prediction::kMorton) &&
          row.coder <= static_cast<int>(Coder::kDraco);
 }

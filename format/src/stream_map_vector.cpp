@@ -111,7 +111,7 @@ HWY_INLINE void map_linear(float origin, float step, const Numbers& q, Floats& o
 HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& out) {
   const auto first = std::bit_cast<std::uint32_t>(row.origin[0]);
   const std::uint32_t step = static_cast<std::uint32_t>(row.step.multiplier) << row.step.exponent;
-  const std::uint32_t most = (kMostTruncated - first) / step;
+  const std::uint32_t most = (kMaxTruncated - first) / step;
   std::uint32_t bad = 0;
   for (std::size_t i = 0; i < kBlock; ++i) {
     bad |= q[i] > most ? 1u : 0u;
@@ -125,7 +125,7 @@ HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set,
                                    std::size_t first, std::size_t count, Floats& out) {
   for (std::size_t i = 0; i < count; ++i) {
     const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], part_ticks);
-    const int exponent = std::clamp(row.step.exponent - life, kLeastExponent, kGreatestExponent);
+    const int exponent = std::clamp(row.step.exponent - life, kMinExponent, kMaxExponent);
     out[i] = size_of({exponent, row.step.multiplier});
   }
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0.0f;
@@ -137,7 +137,7 @@ HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set,
   for (int& e : out) e = row.step.exponent;
   const float* log_scale = set.log_scale.data() + 3 * first;
   for (std::size_t i = 0; shaped && i < count; ++i) out[i] += rotation_shift(log_scale + 3 * i);
-  for (int& e : out) e = std::clamp(e, kFinestRotation, kCoarsestRotation);
+  for (int& e : out) e = std::clamp(e, kMinRotationExponent, kMaxRotationExponent);
   std::fill(out + count, out + kBlock, out[count - 1]);
 }
 
@@ -235,7 +235,7 @@ HWY_INLINE void store_all(const Floats* from, std::size_t width, std::size_t cou
 // A block of one component, of which `count` numbers are meant.
 bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
                    std::size_t count, Numbers& q, Floats& out) {
-  const std::uint32_t most = most_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const std::uint32_t most = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
       for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
@@ -246,7 +246,7 @@ bool map_component(const StreamRow& row, int component, std::int64_t base, const
       to_floats(q, out);
       for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
       return in_range(q, most);
-    case Mapping::kMoment: {
+    case Mapping::kTime: {
       const bool good = in_range(q, most);
       for (std::size_t i = 0; i < kBlock; ++i) {
         q[i] = i < count ? q[i] + static_cast<std::uint32_t>(base) : 0;
@@ -263,7 +263,7 @@ bool map_component(const StreamRow& row, int component, std::int64_t base, const
 // Three components that make three or four floats together.
 bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers* q,
                Floats* out) {
-  const std::uint32_t most = most_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const std::uint32_t most = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
   const bool good = in_range(q[0], most) && in_range(q[1], most) && in_range(q[2], most);
   if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
     return map_rotation(row.step.multiplier, q, exponents, out) && good;
@@ -286,7 +286,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const auto mapping = static_cast<Mapping>(row.mapping);
   const auto prediction = static_cast<Prediction>(row.prediction);
   const AttributeView<float> view = view_of(set, static_cast<Attribute>(row.attribute));
-  const std::int64_t base = first_moment(context.begin, row.step);
+  const std::int64_t base = time_origin(context.begin, row.step);
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool together = rotation || mapping == Mapping::kColour;
   const std::size_t width = rotation ? 4 : row.components;
@@ -328,7 +328,7 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   HWY_ALIGN Keys keys;
   HWY_ALIGN Numbers q;
   HWY_ALIGN Floats floats[3];
-  const std::uint32_t most = most_steps(Mapping::kLinear, row.step.multiplier);
+  const std::uint32_t most = max_steps(Mapping::kLinear, row.step.multiplier);
   std::uint64_t key = *carry, overflow = key;
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {

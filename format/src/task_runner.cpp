@@ -14,9 +14,9 @@ TaskRunner* task_runner() {
   return current;
 }
 
-UseTaskRunner::UseTaskRunner(TaskRunner* runner) : before_(std::exchange(current, runner)) {}
+ScopedTaskRunner::ScopedTaskRunner(TaskRunner* runner) : before_(std::exchange(current, runner)) {}
 
-UseTaskRunner::~UseTaskRunner() {
+ScopedTaskRunner::~ScopedTaskRunner() {
   current = before_;
 }
 

@@ -88,10 +88,10 @@ bool is_graded(int tiers, double many) {
 
 }  // namespace
 
-Needed needed_at_moments(std::span<const PartRange> parts,
-                         std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
-                         std::size_t count) {
-  Needed out{std::vector<float>(count, 0.0f)};
+Demand measure_demand(std::span<const PartRange> parts,
+                      std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
+                      std::size_t count) {
+  Demand out{std::vector<float>(count, 0.0f)};
   std::map<double, double> changes;  // primitives that come, less those that go, by moment
   const double ticks = ticks_of(parts);
   for (std::size_t p = 0; p < parts.size(); ++p) {
@@ -127,10 +127,10 @@ std::vector<double> tier_shares(int tiers, double many) {
   return out;
 }
 
-TierPlan plan_tiers(std::span<const float> importance, const Needed& needed, int tiers) {
+TierPlan plan_tiers(std::span<const float> importance, const Demand& needed, int tiers) {
   if (importance.empty()) return {};
-  const std::vector<double> shares = tier_shares(tiers, needed.most);
-  if (!is_graded(tiers, needed.most)) return {bounds_of_scene(importance, shares), false};
+  const std::vector<double> shares = tier_shares(tiers, needed.peak);
+  if (!is_graded(tiers, needed.peak)) return {bounds_of_scene(importance, shares), false};
   return {bounds_of_moments(importance, needed.shares, shares), true};
 }
 

@@ -15,14 +15,14 @@ inline constexpr std::size_t kLeastTier =
     512;  // primitives: fewer would cost more in tables than they gain
 
 // What moments need of a scene's primitives, as their segments are alive.
-struct Needed {
+struct Demand {
   std::vector<float> shares;  // of each primitive: of all moments
-  double most = 0;            // primitives at the fullest moment
+  double peak = 0;            // primitives at the fullest moment
 };
 // Of `count` primitives; `whole` has the segments of each part.
-Needed needed_at_moments(std::span<const PartRange> parts,
-                         std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
-                         std::size_t count);
+Demand measure_demand(std::span<const PartRange> parts,
+                      std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
+                      std::size_t count);
 
 // The share that each tier has, those of most importance first: of like size where so many `tiers`
 // are asked for. 0 chooses: three, but where the fullest moment needs so `many` that a third would
@@ -34,7 +34,7 @@ struct TierPlan {
   std::vector<float> bounds;  // the least importance in each tier of the scene but the last
   bool graded = false;        // chosen for moments of many: by what they need, not by the scene
 };
-TierPlan plan_tiers(std::span<const float> importance, const Needed& needed, int tiers);
+TierPlan plan_tiers(std::span<const float> importance, const Demand& needed, int tiers);
 
 // Members of a segment that a tier has.
 struct Tier {

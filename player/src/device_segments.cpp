@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "held_segment.h"
+#include "resident_segment.h"
 #include "stgs/format/decoder_model.h"
 
 namespace stgs::player {
@@ -25,17 +25,18 @@ bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
 
 }  // namespace
 
-Result<std::vector<Timeline::Needed>> DeviceSegments::hold(Timeline& timeline, double seconds) {
-  std::vector<Timeline::Needed> needed;
+Result<std::vector<Timeline::SegmentRef>> DeviceSegments::make_resident(Timeline& timeline,
+                                                                        double seconds) {
+  std::vector<Timeline::SegmentRef> needed;
   do {
-    STGS_ASSIGN(needed, timeline.needed_at(seconds));
+    STGS_ASSIGN(needed, timeline.visible_segments(seconds));
     STGS_TRY(change_to(timeline));
     STGS_TRY(make_present(timeline, needed, seconds));
     // Some may have turned out to be lost. Others may have come meanwhile: they are for next time.
-    STGS_ASSIGN(needed, timeline.needed_at(seconds));
+    STGS_ASSIGN(needed, timeline.visible_segments(seconds));
   } while (timeline_.lock() != timeline.identity());
   waiting_ = 0;
-  std::erase_if(needed, [this](const Timeline::Needed& one) {
+  std::erase_if(needed, [this](const Timeline::SegmentRef& one) {
     const auto found = held_.find(one.segment);
     const bool there = found != held_.end();
     if (one.set != nullptr && !(there && same_owner(found->second.set, one.set))) {
@@ -46,7 +47,7 @@ Result<std::vector<Timeline::Needed>> DeviceSegments::hold(Timeline& timeline, d
   return needed;
 }
 
-void DeviceSegments::keep(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes) {
+void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes) {
   if (const auto before = held_.find(segment); before != held_.end()) {
     bytes_ -= before->second.bytes;
     primitives_ -= before->second.primitives;
@@ -56,7 +57,7 @@ void DeviceSegments::keep(std::uint32_t segment, std::uint64_t primitives, std::
   primitives_ += primitives;
 }
 
-Status DeviceSegments::decode_here(Timeline& timeline, std::uint32_t segment) {
+Status DeviceSegments::decode_on_cpu(Timeline& timeline, std::uint32_t segment) {
   STGS_ASSIGN(const std::optional<Gaussians4D> set, timeline.decode(segment));
   return set ? send_all(segment, *set) : Status();
 }
@@ -64,10 +65,11 @@ Status DeviceSegments::decode_here(Timeline& timeline, std::uint32_t segment) {
 Status DeviceSegments::send_all(std::uint32_t segment, const Gaussians4D& set) {
   arriving_[segment] = {};  // what is given up where this throws
   Status status;
-  for (std::size_t first = 0; status.ok() && (first == 0 || first < set.size()); first += kPiece) {
-    status = send(segment, set, first);
+  for (std::size_t first = 0; status.ok() && (first == 0 || first < set.size());
+       first += kMaxUploadPrimitives) {
+    status = upload(segment, set, first);
   }
-  if (!status.ok()) abandon(segment);
+  if (!status.ok()) cancel_upload(segment);
   arriving_.erase(segment);
   return status;
 }
@@ -94,7 +96,7 @@ void DeviceSegments::make_room(const Timeline& timeline, std::uint64_t more, con
   }
 }
 
-bool DeviceSegments::has(const Timeline::Needed& asked, bool now) {
+bool DeviceSegments::has(const Timeline::SegmentRef& asked, bool now) {
   const auto found = held_.find(asked.segment);
   if (found == held_.end()) return false;
   const bool same = same_owner(found->second.set, asked.set);
@@ -103,7 +105,7 @@ bool DeviceSegments::has(const Timeline::Needed& asked, bool now) {
 }
 
 void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
-                               std::vector<const Timeline::Needed*>& ahead) {
+                               std::vector<const Timeline::SegmentRef*>& ahead) {
   std::uint64_t stays = more;
   for (const auto& [segment, held] : held_) stays += held.used.call == call_ ? held.bytes : 0;
   std::size_t fitting = 0;
@@ -116,24 +118,24 @@ void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
   make_room(timeline, more, {call_, As::kAhead});
 }
 
-void DeviceSegments::abandon_others(std::span<const Timeline::Needed* const> these) {
+void DeviceSegments::abandon_others(std::span<const Timeline::SegmentRef* const> these) {
   std::erase_if(arriving_, [&](const auto& one) {
     const bool wanted = std::any_of(these.begin(), these.end(), [&](const auto* needed) {
       return needed->segment == one.first && same_owner(one.second.set, needed->set);
     });
-    if (!wanted) abandon(one.first);
+    if (!wanted) cancel_upload(one.first);
     return !wanted;
   });
 }
 
-Result<bool> DeviceSegments::send_piece(const Timeline::Needed& needed) {
+Result<bool> DeviceSegments::send_piece(const Timeline::SegmentRef& needed) {
   Arriving& arriving = arriving_[needed.segment];
   arriving.set = needed.set;
   // It begins anew where this throws.
-  const std::size_t first = std::exchange(arriving.sent, 0), sent = first + kPiece;
-  const Status status = send(needed.segment, *needed.set, first);
+  const std::size_t first = std::exchange(arriving.sent, 0), sent = first + kMaxUploadPrimitives;
+  const Status status = upload(needed.segment, *needed.set, first);
   const bool more = status.ok() && sent < needed.set->size();
-  if (!status.ok()) abandon(needed.segment);
+  if (!status.ok()) cancel_upload(needed.segment);
   if (more) {
     arriving.sent = sent;
   } else {
@@ -153,12 +155,12 @@ DeviceSegments::Clock::duration DeviceSegments::time_to_send(bool playing) {
 
 // Nothing waits of the first tier, without which there is no picture of a moment.
 Status DeviceSegments::send_decoded(const Timeline& timeline,
-                                    std::span<const Timeline::Needed* const> decoded,
-                                    std::span<const Timeline::Needed* const> ahead) {
+                                    std::span<const Timeline::SegmentRef* const> decoded,
+                                    std::span<const Timeline::SegmentRef* const> ahead) {
   const bool playing = timeline.is_playing();
   const Clock::duration time = time_to_send(playing);
   bool waits = false;  // whether there is no more time for what may wait
-  for (const Timeline::Needed* one : decoded) {
+  for (const Timeline::SegmentRef* one : decoded) {
     const bool first = timeline.reader().segments()[one->segment].tier == 0;
     const bool may_wait = playing && (!first || held_.contains(one->segment));
     for (bool more = true; more && !(may_wait && waits);) {
@@ -166,7 +168,7 @@ Status DeviceSegments::send_decoded(const Timeline& timeline,
       if (may_wait) waits = now() >= called_ + time;
     }
   }
-  for (const Timeline::Needed* one : ahead) {
+  for (const Timeline::SegmentRef* one : ahead) {
     bool more = true;
     while (more && now() < called_ + kLeastSending) {
       // The picture does without; where it cannot be sent when it is needed, that is told.
@@ -200,26 +202,27 @@ void DeviceSegments::find_fullest(const Timeline& timeline) {
   known_ = timeline.reader().segments().size();
   if (no_room_) return;
   const DecoderNeeds needs = decoder_needs(timeline.reader());
-  const std::uint64_t fitting = timeline.memory_budget() / (bytes_of(kPiece) / kPiece);
+  const std::uint64_t fitting =
+      timeline.memory_budget() / (bytes_of(kMaxUploadPrimitives) / kMaxUploadPrimitives);
   fullest_ = {std::min({needs.primitives, fitting, kMostDrawn}),
               std::min(needs.segments, timeline.memory_budget() / bytes_of(1))};
 }
 
-Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline::Needed> needed,
-                                    double seconds) {
+Status DeviceSegments::make_present(Timeline& timeline,
+                                    std::span<const Timeline::SegmentRef> needed, double seconds) {
   ++call_;
-  const std::vector<Timeline::Needed> soon = timeline.needed_soon(seconds);
-  std::vector<const Timeline::Needed*> ahead;
-  for (const Timeline::Needed& one : soon) {
+  const std::vector<Timeline::SegmentRef> soon = timeline.prefetch_segments(seconds);
+  std::vector<const Timeline::SegmentRef*> ahead;
+  for (const Timeline::SegmentRef& one : soon) {
     if (!has(one, false)) ahead.push_back(&one);
   }
   const auto& segments = timeline.reader().segments();
   std::vector<std::uint32_t> missing;
-  std::vector<const Timeline::Needed*> decoded;
+  std::vector<const Timeline::SegmentRef*> decoded;
   std::uint64_t together = 0, more = 0;
-  for (const Timeline::Needed& one : needed) {
+  for (const Timeline::SegmentRef& one : needed) {
     const SegmentInfo& info = segments[one.segment];
-    const std::uint64_t bytes = info.there ? bytes_of(info.primitives) : 0;
+    const std::uint64_t bytes = info.available ? bytes_of(info.primitives) : 0;
     together += bytes;
     if (has(one, true)) continue;
     more += bytes;
@@ -237,7 +240,7 @@ Status DeviceSegments::make_present(Timeline& timeline, std::span<const Timeline
   std::stable_sort(decoded.begin(), decoded.end(), [&](const auto* a, const auto* b) {
     return segments[a->segment].tier < segments[b->segment].tier;
   });
-  std::vector<const Timeline::Needed*> wanted = decoded;
+  std::vector<const Timeline::SegmentRef*> wanted = decoded;
   wanted.insert(wanted.end(), ahead.begin(), ahead.end());
   abandon_others(wanted);
   STGS_TRY(send_decoded(timeline, decoded, ahead));

@@ -25,16 +25,16 @@ class DeviceSegments {
   // asks for it, and gives what is to be drawn: all that is held of the moment, ascending. What is
   // held of another timeline goes. What uses segments must have ended, or come before in the
   // device's queue. Errors: those of Timeline::at, and of the device.
-  Result<std::vector<Timeline::Needed>> hold(Timeline& timeline, double seconds);
+  Result<std::vector<Timeline::SegmentRef>> make_resident(Timeline& timeline, double seconds);
   std::uint64_t stored_primitives() const { return primitives_; }
-  // Of what the last call of hold() was asked for: decoded, and left to later calls.
+  // Of what the last call of make_resident() was asked for: decoded, and left to later calls.
   std::uint64_t waiting_primitives() const { return waiting_; }
   // At the moments of the timeline that have most of them, as far as its budget has room: what
   // makes room for so many at once need not grow while it plays.
   struct Fullest {
     std::uint64_t primitives = 0, segments = 0;
   };
-  const Fullest& fullest() const { return fullest_; }
+  const Fullest& peak() const { return fullest_; }
   // The device has no room for it.
   void forget_fullest() {
     fullest_ = {};
@@ -44,11 +44,11 @@ class DeviceSegments {
  protected:
   int sh_degree() const { return sh_degree_; }
   // Primitives of a piece that is sent, at most.
-  static constexpr std::size_t kPiece = std::size_t{1} << 16;
+  static constexpr std::size_t kMaxUploadPrimitives = std::size_t{1} << 16;
   // From now on the device holds a segment, in so many bytes, in place of what it held of it.
-  void keep(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes);
+  void insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes);
   // A segment that the device cannot decode, by the processor, as the timeline deals with damage.
-  Status decode_here(Timeline& timeline, std::uint32_t segment);
+  Status decode_on_cpu(Timeline& timeline, std::uint32_t segment);
   // Sends one that is decoded, all of it.
   Status send_all(std::uint32_t segment, const Gaussians4D& set);
   // Lets go of all. A backend calls it before its memory goes.
@@ -72,7 +72,7 @@ class DeviceSegments {
   struct Held {
     std::uint64_t bytes = 0, primitives = 0;
     Use used;                              // the last
-    std::weak_ptr<const Gaussians4D> set;  // Timeline::Needed's, where it had one
+    std::weak_ptr<const Gaussians4D> set;  // Timeline::SegmentRef's, where it had one
   };
   using Segments = std::map<std::uint32_t, Held>;
 
@@ -82,35 +82,37 @@ class DeviceSegments {
   virtual void reserve(std::uint64_t bytes) = 0;
   // That a segment takes once it is held.
   virtual std::uint64_t bytes_of(std::uint64_t primitives) const = 0;
-  // Decodes, and calls keep() for each that is sound and decode_here() for the others.
+  // Decodes, and calls insert() for each that is sound and decode_on_cpu() for the others.
   virtual Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) = 0;
-  // Sends kPiece primitives of a set from `first` on, or the rest of it; all before have been sent,
-  // and with 0 it begins anew. With the last it puts them in place of what it has of the segment,
-  // and calls keep().
-  virtual Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) = 0;
+  // Sends kMaxUploadPrimitives primitives of a set from `first` on, or the rest of it; all before
+  // have been sent, and with 0 it begins anew. With the last it puts them in place of what it has
+  // of the segment, and calls insert().
+  virtual Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) = 0;
   // Gives back what was sent of a set that will not come to its end.
-  virtual void abandon(std::uint32_t segment) = 0;
+  virtual void cancel_upload(std::uint32_t segment) = 0;
   // Gives back what a segment has.
   virtual void release(std::uint32_t segment) = 0;
 
   Status change_to(const Timeline& timeline);
   void find_fullest(const Timeline& timeline);
   // Whether it is held as it is asked for, which is noted as its use; `now`: to be drawn.
-  bool has(const Timeline::Needed& asked, bool now);
+  bool has(const Timeline::SegmentRef& asked, bool now);
   void drop(Segments::iterator segment);
   // Drops what was used less than that, the least first, until so many bytes more fit.
   void make_room(const Timeline& timeline, std::uint64_t more, const Use& least);
   // Leaves what the budget has room for, beside `more` bytes for what is needed now.
   void fit_ahead(const Timeline& timeline, std::uint64_t more,
-                 std::vector<const Timeline::Needed*>& ahead);
+                 std::vector<const Timeline::SegmentRef*>& ahead);
   // All that arrives but these.
-  void abandon_others(std::span<const Timeline::Needed* const> these);
-  Status send_decoded(const Timeline& timeline, std::span<const Timeline::Needed* const> decoded,
-                      std::span<const Timeline::Needed* const> ahead);
+  void abandon_others(std::span<const Timeline::SegmentRef* const> these);
+  Status send_decoded(const Timeline& timeline,
+                      std::span<const Timeline::SegmentRef* const> decoded,
+                      std::span<const Timeline::SegmentRef* const> ahead);
   // One piece; whether there are more.
-  Result<bool> send_piece(const Timeline::Needed& needed);
+  Result<bool> send_piece(const Timeline::SegmentRef& needed);
   Clock::duration time_to_send(bool playing);
-  Status make_present(Timeline& timeline, std::span<const Timeline::Needed> needed, double seconds);
+  Status make_present(Timeline& timeline, std::span<const Timeline::SegmentRef> needed,
+                      double seconds);
   Status decode_all(Timeline& timeline, std::span<const std::uint32_t> segments);
 
   std::weak_ptr<const void> timeline_;

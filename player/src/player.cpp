@@ -22,9 +22,9 @@ namespace {
 Status check(const PlayerSettings& s) {
   const auto positive = [](double v) { return std::isfinite(v) && v >= 0; };
   const LiveSettings& live = s.live;
-  if (s.fetches < 1 || s.fetches > 64 || !positive(s.ahead_seconds) ||
-      !positive(s.resume_seconds) || !positive(s.layer_patience_seconds) ||
-      !positive(s.retry_seconds) || !positive(live.behind_seconds) ||
+  if (s.max_reads_in_flight < 1 || s.max_reads_in_flight > 64 || !positive(s.prefetch_seconds) ||
+      !positive(s.resume_seconds) || !positive(s.layer_lead_seconds) ||
+      !positive(s.retry_seconds) || !positive(live.latency_seconds) ||
       !positive(live.poll_seconds) || !positive(live.stall_seconds) ||
       !positive(live.skip_seconds)) {
     return usage_error(
@@ -41,7 +41,7 @@ std::string changed_message(const std::string& name) {
 class StreamPlayer final : public Player {
  public:
   StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
-               const std::shared_ptr<PieceSource>& source, IndexCache cache,
+               const std::shared_ptr<RangeSource>& source, IndexCache cache,
                const PlayerSettings& settings, std::function<void()> interrupt,
                std::shared_ptr<TransferEvents> transfers)
       : settings_(settings),
@@ -132,15 +132,15 @@ class StreamPlayer final : public Player {
     out.growing = true;
     out.following = following_;
     out.edge_seconds = time_base_.seconds(frames_);
-    out.behind_seconds = edge_.edge(now_) - seconds();
-    out.wanted_seconds = edge_.wanted();
+    out.latency_seconds = edge_.edge(now_) - seconds();
+    out.target_latency_seconds = edge_.target_latency();
     return out;
   }
 
   double advance(double now) override {
     if (!std::isfinite(now)) return seconds();
     const double since = started_ ? now - now_ : 0.0;
-    const double passed = std::clamp(since, 0.0, kLongestStep);
+    const double passed = std::clamp(since, 0.0, kMaxStepSeconds);
     now_ = now;
     if (growing_) note_growth(since);
     if (growing_ && to_edge_) go_to(time_base_.ticks(std::max(edge_.target(now_), 0.0)));
@@ -161,8 +161,8 @@ class StreamPlayer final : public Player {
   double seconds() const override { return time_base_.seconds(clock_.ticks()); }
   bool ready() const override { return layers() > 0; }
   int layers() const override { return store_.layers(clock_.ticks()); }
-  int layers_of_file() const override { return 2 * store_.tiers(); }
-  bool settled() const override { return store_.settled(clock_.ticks()); }
+  int layer_count() const override { return 2 * store_.tiers(); }
+  bool is_complete() const override { return store_.settled(clock_.ticks()); }
   std::vector<TimeRange> buffered() const override {
     std::vector<TimeRange> out;
     for (const TickRange& range : store_.ready_ranges()) {
@@ -196,7 +196,7 @@ class StreamPlayer final : public Player {
   }
 
   void move(bool jumped) {
-    Motion motion;
+    Playhead motion;
     motion.ticks = clock_.ticks();
     motion.ticks_per_second = clock_.ticks_per_second();
     motion.duration = frames_;
@@ -232,11 +232,11 @@ class StreamPlayer final : public Player {
     return base.seconds(reader.metadata().frames - reader.parts().back().begin_ticks);
   }
 
-  void begin_live(const std::shared_ptr<PieceSource>& source, IndexCache cache) {
+  void begin_live(const std::shared_ptr<RangeSource>& source, IndexCache cache) {
     clock_.set_last(std::numeric_limits<double>::infinity());
     following_ = true;
     to_edge_ = true;
-    const double moment = time_base_.seconds(frames_) - edge_.wanted();
+    const double moment = time_base_.seconds(frames_) - edge_.target_latency();
     clock_.seek(std::max(time_base_.ticks(moment), 0.0));
     follower_ = std::make_unique<Follower>(
         store_, source, std::move(cache), settings_,
@@ -262,10 +262,10 @@ class StreamPlayer final : public Player {
     const double last = last_moment(), stretch = last_stretch(*known_);
     const double edge = time_base_.seconds(frames_);
     const bool counts = !following_ || !playing_ || store_.ready(last);
-    if (passed > kLongestStep || (!counts && now_ - grown_at_ > stretch)) {
-      edge_.found(edge);
+    if (passed > kMaxStepSeconds || (!counts && now_ - grown_at_ > stretch)) {
+      edge_.extend_to(edge);
     } else if (counts) {
-      edge_.saw(edge, stretch, now_);
+      edge_.observe(edge, stretch, now_);
     }
     if (is_growing()) return;
     growing_ = following_ = false;
@@ -280,7 +280,7 @@ class StreamPlayer final : public Player {
     const double moment = seconds();
     if (!following_ && clock_.rate() > 0 && moment >= edge_.target(now_)) follow();
     if (!following_) return 1;
-    if (!edge_.is_lost(moment, now_)) return edge_.pace(moment, now_);
+    if (!edge_.should_skip(moment, now_)) return edge_.rate_factor(moment, now_);
     go_to(time_base_.ticks(std::max(edge_.target(now_), 0.0)));
     tell(PlayerEvent::Kind::kSkipped);
     return 1;
@@ -306,7 +306,7 @@ class StreamPlayer final : public Player {
       move(false);
       return tell_standing();
     }
-    clock_.take(next);
+    clock_.apply(next);
     if (next.ended) {
       playing_ = false;
       state_ = PlayerState::kEnded;
@@ -342,7 +342,7 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
                                      std::shared_ptr<TransferEvents> transfers) {
   std::pmr::memory_resource* const memory =
       settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
-  const auto pieces = std::make_shared<PieceSource>(std::move(source), memory);
+  const auto pieces = std::make_shared<RangeSource>(std::move(source), memory);
   try {
     if (pieces->size() > settings.max_file_bytes) {
       return Status(StatusCode::kLimit,
@@ -366,28 +366,29 @@ Result<std::unique_ptr<Player>> make(std::unique_ptr<ByteSource> source,
 Result<std::unique_ptr<Player>> Player::open(const std::string& place,
                                              const PlayerSettings& settings) {
   STGS_TRY(check(settings));
-  const auto transfers = std::make_shared<TransferEvents>(settings.on_opening);
+  const auto transfers = std::make_shared<TransferEvents>(settings.on_opening_event);
   std::stop_source stop;
   // Who stops the transfers of his settings stops the player's.
   const auto linked = std::make_shared<std::stop_callback<std::function<void()>>>(
       settings.http.stop, [stop]() mutable { stop.request_stop(); });
   HttpSettings http = settings.http;
-  http.connections = std::max(http.connections, settings.fetches + 1);  // and looks for growth
+  http.max_connections =
+      std::max(http.max_connections, settings.max_reads_in_flight + 1);  // and looks for growth
   http.stop = stop.get_token();
   http.on_event = [transfers, told = settings.http.on_event](const TransferEvent& event) {
     transfers->add(event);
     if (told) told(event);
   };
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place, http));
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_location(place, http));
   auto player = make(
       std::move(source), settings, [stop, linked]() mutable { stop.request_stop(); }, transfers);
   transfers->opened();
   return player;
 }
 
-Result<std::unique_ptr<Player>> Player::over(std::unique_ptr<ByteSource> source,
-                                             const PlayerSettings& settings,
-                                             std::function<void()> interrupt) {
+Result<std::unique_ptr<Player>> Player::from_source(std::unique_ptr<ByteSource> source,
+                                                    const PlayerSettings& settings,
+                                                    std::function<void()> interrupt) {
   STGS_TRY(check(settings));
   return make(std::move(source), settings, std::move(interrupt),
               std::make_shared<TransferEvents>());

@@ -9,7 +9,7 @@
 #include <set>
 #include <utility>
 
-#include "held_segment.h"
+#include "resident_segment.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/source.h"
 
@@ -17,7 +17,7 @@ namespace stgs::player {
 namespace {
 
 struct Held {
-  HeldSegment decoded;
+  ResidentSegment decoded;
   std::vector<std::uint32_t> candidates;  // at the moment asked for last
   std::uint64_t used = 0;                 // number of the call that needed it last
 };
@@ -25,7 +25,7 @@ struct Held {
 class SegmentTimeline final : public Timeline {
  public:
   SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
-                  Damaged damaged)
+                  DamagePolicy damaged)
       : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), damaged_(damaged) {
     std::uint32_t base = 0;
     for (const SegmentInfo& segment : reader_->segments()) {
@@ -43,7 +43,7 @@ class SegmentTimeline final : public Timeline {
   double complete_seconds() const override {
     return metadata().time_base.seconds(reader_->complete_ticks());
   }
-  const std::vector<Loss>& losses() const override { return losses_; }
+  const std::vector<SegmentDamage>& segment_damage() const override { return losses_; }
   std::uint64_t memory_bytes() const override { return bytes_; }
   std::uint64_t stored_primitives() const override { return primitives_; }
 
@@ -51,20 +51,20 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t memory_budget() const override { return budget_; }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
-  Result<std::vector<Needed>> needed_at(double seconds) override {
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
     if (!std::isfinite(seconds)) {
       return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
     }
     const double ticks = metadata().time_base.ticks(seconds);
     auto all = reader_->segments_between(ticks, ticks);
     std::sort(all.begin(), all.end());
-    std::vector<Needed> needed;
+    std::vector<SegmentRef> needed;
     for (std::uint32_t s : all) {
       if (lost_.count(s) != 0) continue;
       const ScenePart& part = reader_->parts()[reader_->segments()[s].part];
       needed.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
     }
-    if (is_lost(ticks) && (needed.empty() || damaged_ == Damaged::kRefuse)) {
+    if (is_lost(ticks) && (needed.empty() || damaged_ == DamagePolicy::kReject)) {
       return invalid_file(
           "nothing of what is alive at {:.6g} s can be read: the fragment of the index that lists "
           "it is damaged",
@@ -80,22 +80,22 @@ class SegmentTimeline final : public Timeline {
   }
 
   Result<Active> at(double seconds) override {
-    STGS_ASSIGN(std::vector<Needed> needed, needed_at(seconds));
+    STGS_ASSIGN(std::vector<SegmentRef> needed, visible_segments(seconds));
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
     ++call_;
     try {
       STGS_TRY(hold(needed, seconds));
-      STGS_ASSIGN(needed, needed_at(seconds));
+      STGS_ASSIGN(needed, visible_segments(seconds));
       std::vector<Held*> held;
-      for (const Needed& one : needed) held.push_back(&held_.at(one.segment));
+      for (const SegmentRef& one : needed) held.push_back(&held_.at(one.segment));
       parallel_for(std::size_t{0}, held.size(), [&](std::size_t i) {
         held[i]->decoded.find_candidates(static_cast<float>(needed[i].ticks), held[i]->candidates);
       });
       for (std::size_t i = 0; i < held.size(); ++i) {
         if (held[i]->candidates.empty()) continue;
-        active.parts.push_back({needed[i].segment, &held[i]->decoded.set, &held[i]->candidates,
-                                needed[i].ticks, needed[i].id_base});
+        active.segments.push_back({needed[i].segment, &held[i]->decoded.set, &held[i]->candidates,
+                                   needed[i].ticks, needed[i].id_base});
       }
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: cannot hold what is alive at {} s: {}", name_,
@@ -106,7 +106,7 @@ class SegmentTimeline final : public Timeline {
 
   Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) override {
     Status harmonics;
-    Result<Gaussians4D> set = decode_sound(segment, harmonics);
+    Result<Gaussians4D> set = decode_intact(segment, harmonics);
     STGS_TRY(accept(segment, set.status(), harmonics));
     std::optional<Gaussians4D> out;
     if (set.ok()) out = std::move(set).value();
@@ -117,24 +117,24 @@ class SegmentTimeline final : public Timeline {
   // Whether a damaged fragment of the index listed what is first seen around this moment.
   bool is_lost(double ticks) const {
     const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
-    const std::vector<LostStretch>& lost = reader_->lost_stretches();
-    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostStretch& stretch) {
-      const auto [begin, end] = stretch.moments;
+    const std::vector<LostFragment>& lost = reader_->lost_fragments();
+    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& stretch) {
+      const auto [begin, end] = stretch.range;
       return begin <= at && (at < end || (begin < end && end >= frames));
     });
   }
 
   std::uint64_t bytes_of(std::uint32_t segment) const {
-    if (!reader_->segments()[segment].there) return 0;
-    return held_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
+    if (!reader_->segments()[segment].available) return 0;
+    return decoded_segment_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
   }
 
   // Makes the segments (ascending) present, and drops others where the budget asks for it; some of
   // them may be lost instead.
-  Status hold(const std::vector<Needed>& needed, double seconds) {
+  Status hold(const std::vector<SegmentRef>& needed, double seconds) {
     std::vector<std::uint32_t> missing;
     std::uint64_t together = 0, more = 0;
-    for (const Needed& one : needed) {
+    for (const SegmentRef& one : needed) {
       const std::uint32_t segment = one.segment;
       together += bytes_of(segment);
       if (const auto found = held_.find(segment); found != held_.end()) {
@@ -163,21 +163,21 @@ class SegmentTimeline final : public Timeline {
   }
 
   // As the caller wants damage to be dealt with.
-  Result<Gaussians4D> decode_sound(std::uint32_t segment, Status& harmonics) const {
-    return damaged_ == Damaged::kRefuse ? reader_->decode(segment)
-                                        : reader_->decode_sound(segment, harmonics);
+  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& harmonics) const {
+    return damaged_ == DamagePolicy::kReject ? reader_->decode(segment)
+                                             : reader_->decode_intact(segment, harmonics);
   }
 
   Status decode(const std::vector<std::uint32_t>& missing) {
     std::vector<std::optional<Held>> fresh(missing.size());  // made in place: in their memory
     std::vector<Status> results(missing.size()), harmonics(missing.size());
     parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
-      auto set = decode_sound(missing[i], harmonics[i]);
+      auto set = decode_intact(missing[i], harmonics[i]);
       if (!set.ok()) {
         results[i] = set.status();
         return;
       }
-      fresh[i].emplace(Held{HeldSegment(std::move(set).value()), {}, call_});
+      fresh[i].emplace(Held{ResidentSegment(std::move(set).value()), {}, call_});
     });
     for (const Status& status : results) {
       if (!can_pass_over(status)) return status;
@@ -202,8 +202,8 @@ class SegmentTimeline final : public Timeline {
   // What the file is to blame for; another try would find the same.
   bool can_pass_over(const Status& status) const {
     return status.ok() ||
-           (damaged_ == Damaged::kPassOver && (status.code() == StatusCode::kInvalidFile ||
-                                               status.code() == StatusCode::kUnsupported));
+           (damaged_ == DamagePolicy::kSkip && (status.code() == StatusCode::kInvalidFile ||
+                                                status.code() == StatusCode::kUnsupported));
   }
 
   void note_loss(std::uint32_t segment, const Status& base, const Status& harmonics) {
@@ -217,8 +217,8 @@ class SegmentTimeline final : public Timeline {
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
-  Damaged damaged_ = Damaged::kRefuse;
-  std::vector<Loss> losses_;
+  DamagePolicy damaged_ = DamagePolicy::kReject;
+  std::vector<SegmentDamage> losses_;
   std::map<std::uint32_t, std::size_t> lost_;  // segments of which nothing is drawn: their losses
   std::set<std::uint32_t> plain_;              // those drawn without their harmonics
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
@@ -229,15 +229,16 @@ class SegmentTimeline final : public Timeline {
 }  // namespace
 
 Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& place,
-                                                 std::uint64_t memory_budget, Damaged damaged) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(place));
+                                                 std::uint64_t memory_budget,
+                                                 DamagePolicy damaged) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_location(place));
   STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
-  return over(std::move(reader), place, memory_budget, damaged);
+  return from_reader(std::move(reader), place, memory_budget, damaged);
 }
 
-std::unique_ptr<Timeline> Timeline::over(std::unique_ptr<SceneReader> reader,
-                                         const std::string& name, std::uint64_t memory_budget,
-                                         Damaged damaged) {
+std::unique_ptr<Timeline> Timeline::from_reader(std::unique_ptr<SceneReader> reader,
+                                                const std::string& name,
+                                                std::uint64_t memory_budget, DamagePolicy damaged) {
   return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, damaged);
 }
 

@@ -17,10 +17,10 @@ inline Status check_views(const std::vector<View>& views) {
     return usage_error("a call draws 1 to {} views, not {}", kMaxViews, views.size());
   }
   for (const View& view : views) {
-    const auto side = [](float v) { return v >= 1 && v <= kMaxPictureSide; };
+    const auto side = [](float v) { return v >= 1 && v <= kMaxImageSide; };
     if (!side(view.camera.width) || !side(view.camera.height)) {
       return usage_error("a view of {}x{} pixels cannot be drawn; each side is 1 to {}",
-                         view.camera.width, view.camera.height, kMaxPictureSide);
+                         view.camera.width, view.camera.height, kMaxImageSide);
     }
     if (view.fovea && !(view.fovea->radius >= 0 && std::isfinite(view.fovea->centre.x) &&
                         std::isfinite(view.fovea->centre.y))) {

@@ -71,7 +71,7 @@ static stgs_result encode(const char* capture, const char* output, int draft) {
     fprintf(stderr, "\n");
     printf("%llu primitives, %llu bytes, pictures %.1f dB from the trained scene's\n",
            (unsigned long long)report.primitives, (unsigned long long)report.bytes_out,
-           report.pictures_psnr);
+           report.images_psnr);
   }
   return result;
 }

@@ -28,8 +28,8 @@ static int draw(stgs_scene* scene, stgs_renderer* renderer, double seconds, cons
   const size_t bytes = (size_t)4 * view.width * view.height;
   unsigned char* rgba = malloc(bytes);
   if (rgba == NULL) return failed("no memory for the picture");
-  stgs_picture picture;
-  stgs_picture_defaults(&picture, sizeof picture);
+  stgs_image picture;
+  stgs_image_defaults(&picture, sizeof picture);
   picture.rgba8.data = rgba;
   picture.rgba8.bytes = bytes;
   int ok = stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK;

@@ -54,7 +54,7 @@ int main(int argc, char** argv) {
     stgs_player_status status{};
     do {
       status = tick(player);
-    } while (status.settled == 0);
+    } while (status.is_complete == 0);
     const stgs_view view = player.scene().first_view();
     write_ppm(argv[3], renderer.render_rgba8(player.scene(), status.seconds, view), view);
     return 0;

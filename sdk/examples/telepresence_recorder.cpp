@@ -3,7 +3,7 @@
 // stretch of time is appended once it is over, as a capture would be. For each it prints a line of
 // JSON with the moments it holds and when it was there, seconds of the machine's monotonic clock.
 //
-// usage: telepresence_recorder NEW.stgs SECONDS [STRETCH_SECONDS]
+// usage: telepresence_recorder NEW.stgs SECONDS [FRAGMENT_SECONDS]
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -45,8 +45,8 @@ struct Splats {
     sigma.push_back(fade);
   }
   // Borrows them.
-  stgs_stretch stretch(std::uint32_t frames) const {
-    stgs_stretch out = stgs::empty_stretch();
+  stgs_fragment stretch(std::uint32_t frames) const {
+    stgs_fragment out = stgs::empty_fragment();
     out.frames = frames;
     out.count = opacity.size();
     out.position = position.data();
@@ -104,8 +104,8 @@ void record(const std::string& path, double seconds, double stretch_seconds) {
   stgs::Recorder recorder;
   recorder.begin(path, settings);
   const Splats floor = room();
-  stgs_stretch first_frame = floor.stretch(1);
-  first_frame.stay_frames = kLongestFrames;
+  stgs_fragment first_frame = floor.stretch(1);
+  first_frame.visible_frames = kLongestFrames;
   recorder.append(first_frame);
   const double begin = now() - 1 / kFramesPerSecond;
   const auto frames = static_cast<std::uint32_t>(std::lround(stretch_seconds * kFramesPerSecond));
@@ -130,7 +130,7 @@ int main(int argc, char** argv) {
   const double seconds = argc >= 3 ? std::atof(argv[2]) : 0;
   const double stretch = argc == 4 ? std::atof(argv[3]) : 0.5;
   if (argc > 4 || !(seconds > 0 && seconds <= 3600) || !(stretch >= 0.1 && stretch <= 10)) {
-    std::fprintf(stderr, "usage: telepresence_recorder NEW.stgs SECONDS [STRETCH_SECONDS]\n");
+    std::fprintf(stderr, "usage: telepresence_recorder NEW.stgs SECONDS [FRAGMENT_SECONDS]\n");
     return 1;
   }
   try {

@@ -32,8 +32,8 @@ const char* name_of(stgs_event_kind kind) {
       return "buffering";
     case STGS_EVENT_RESUMED:
       return "resumed";
-    case STGS_EVENT_LOST:
-      return "lost";
+    case STGS_EVENT_READ_FAILED:
+      return "read_failed";
     case STGS_EVENT_DAMAGED:
       return "damaged";
     case STGS_EVENT_REPLACED:
@@ -85,7 +85,7 @@ class Viewer {
     for (std::size_t i = 0; i < shown_.size(); ++i) {
       std::printf("%s[%.6f, %.6f]", i > 0 ? ", " : "", shown_[i].moment, shown_[i].at);
     }
-    std::printf("], \"most_behind\": %.6f, \"events\": {", most_behind_);
+    std::printf("], \"max_latency\": %.6f, \"events\": {", most_behind_);
     const char* comma = "";
     for (const auto& [name, count] : events_) {
       std::printf("%s\"%s\": %d", comma, name.c_str(), count);
@@ -97,7 +97,7 @@ class Viewer {
  private:
   void open() {
     stgs_player_settings settings = stgs::player_settings();
-    settings.live_behind_seconds = 0;  // as near to the edge as the recording lets it be
+    settings.live_latency_seconds = 0;  // as near to the edge as the recording lets it be
     player_ = std::make_unique<stgs::Player>(settings);
     player_->open(place_);
     player_->play();
@@ -120,7 +120,8 @@ class Viewer {
     renderer_.render_rgba8(player_->scene(), moment, view_);
     shown_.push_back({moment, now()});
     const stgs_player_live live = player_->live();
-    if (live.growing != 0 && live.behind_seconds > most_behind_) most_behind_ = live.behind_seconds;
+    if (live.growing != 0 && live.latency_seconds > most_behind_)
+      most_behind_ = live.latency_seconds;
   }
 
   const std::string place_;

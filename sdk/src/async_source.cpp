@@ -46,14 +46,14 @@ class AsyncIo {
     }
     answered_.notify_all();
   }
-  // false: interrupted, or not wanted any more, before it has come. `is_wanted` may be empty.
-  bool wait_for(const Answer& answer, const std::function<bool()>& is_wanted) {
+  // false: interrupted, or not wanted any more, before it has come. `should_continue` may be empty.
+  bool wait_for(const Answer& answer, const std::function<bool()>& should_continue) {
     constexpr std::chrono::milliseconds kLook{250};
     std::unique_lock lock(mutex_);
     const auto ended = [&] { return answer.here || interrupted_; };
     while (!answered_.wait_for(lock, kLook, ended)) {
       lock.unlock();
-      const bool wanted = !is_wanted || is_wanted();
+      const bool wanted = !should_continue || should_continue();
       lock.lock();
       if (!wanted) break;
     }
@@ -94,7 +94,7 @@ class AsyncSource final : public ByteSource {
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     return read_while({}, offset, out);
   }
-  Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+  Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
                     std::span<std::uint8_t> out) const override {
     const stgs_async_io& io = caller_->io();
     STGS_TRY(check_range(name_, size(), offset, out.size()));
@@ -104,7 +104,7 @@ class AsyncSource final : public ByteSource {
     answer->bytes.resize(out.size());
     auto* read = new stgs_read{caller_, answer};  // the application's, which completes it
     io.begin(io.user, read, offset, answer->bytes.data(), out.size());
-    if (!caller_->wait_for(*answer, is_wanted)) return interrupted();
+    if (!caller_->wait_for(*answer, should_continue)) return interrupted();
     if (answer->error != 0) {
       return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
                       answer->error);

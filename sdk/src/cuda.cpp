@@ -19,8 +19,8 @@ stgs::player::CudaPlane plane_of(const stgs_buffer& buffer, std::uint32_t width)
 }
 
 // Of a picture that has been checked.
-stgs::player::CudaPicture picture_of(const stgs_picture& from, std::uint32_t width) {
-  stgs::player::CudaPicture out;
+stgs::player::CudaImage picture_of(const stgs_image& from, std::uint32_t width) {
+  stgs::player::CudaImage out;
   out.rgba8 = plane_of(from.rgba8, width);
   for (std::size_t c = 0; c < 3; ++c) out.planes[c] = plane_of(from.rgb[c], width);
   out.planes[3] = plane_of(from.alpha, width);
@@ -48,13 +48,13 @@ Outcome check_rgba8(const stgs_buffer& buffer) {
 }  // namespace
 
 extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                                        const stgs_view* views, const stgs_picture* pictures,
+                                        const stgs_view* views, const stgs_image* pictures,
                                         uint32_t count, struct CUstream_st* stream) {
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_backend(*renderer));
     stgs::sdk::Pictures known;
     STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));
-    std::vector<stgs::player::CudaPicture> targets;
+    std::vector<stgs::player::CudaImage> targets;
     for (std::uint32_t i = 0; i < count; ++i) {
       STGS_SDK_TRY(check_rgba8(known[i].rgba8));
       targets.push_back(

@@ -68,7 +68,7 @@ void write_rgba8(const player::Frame& frame, const stgs_buffer& buffer) {
 
 }  // namespace
 
-Outcome check_picture(const stgs_picture& picture, std::uint32_t width, std::uint32_t height) {
+Outcome check_picture(const stgs_image& picture, std::uint32_t width, std::uint32_t height) {
   STGS_SDK_TRY(check_buffer(picture.rgba8, "rgba8", 1, width, height));
   int planes = 0;
   for (const stgs_buffer& plane : picture.rgb) {
@@ -87,7 +87,7 @@ Outcome check_picture(const stgs_picture& picture, std::uint32_t width, std::uin
   return {};
 }
 
-void write_picture(const player::Frame& frame, const stgs_picture& picture) {
+void write_picture(const player::Frame& frame, const stgs_image& picture) {
   write_rgba8(frame, picture.rgba8);
   for (int c = 0; c < 3; ++c) write_plane(frame.colour, c, picture.rgb[c]);
   write_plane(frame.alpha, 0, picture.alpha);
@@ -96,6 +96,6 @@ void write_picture(const player::Frame& frame, const stgs_picture& picture) {
 
 }  // namespace stgs::sdk
 
-extern "C" stgs_result stgs_picture_defaults(stgs_picture* picture, size_t struct_size) {
-  return stgs::sdk::put_defaults(picture, struct_size, stgs_picture{});
+extern "C" stgs_result stgs_image_defaults(stgs_image* picture, size_t struct_size) {
+  return stgs::sdk::put_defaults(picture, struct_size, stgs_image{});
 }

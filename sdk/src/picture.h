@@ -7,8 +7,8 @@
 namespace stgs::sdk {
 
 // The buffers of a picture of that size are large enough, and something is wanted.
-Outcome check_picture(const stgs_picture& picture, std::uint32_t width, std::uint32_t height);
+Outcome check_picture(const stgs_image& picture, std::uint32_t width, std::uint32_t height);
 // Fills the buffers, which have been checked for the frame's size.
-void write_picture(const player::Frame& frame, const stgs_picture& picture);
+void write_picture(const player::Frame& frame, const stgs_image& picture);
 
 }  // namespace stgs::sdk

@@ -27,16 +27,16 @@ stgs_player_settings default_settings() {
   settings.max_file_bytes = INT64_MAX;
   settings.max_primitives = defaults.limits.max_primitives;
   settings.max_memory = stgs::player::kDefaultMemoryBudget;
-  settings.ahead_seconds = defaults.ahead_seconds;
+  settings.prefetch_seconds = defaults.prefetch_seconds;
   settings.resume_seconds = defaults.resume_seconds;
-  settings.patience_seconds = defaults.layer_patience_seconds;
+  settings.layer_lead_seconds = defaults.layer_lead_seconds;
   settings.retry_seconds = defaults.retry_seconds;
-  settings.fetches = static_cast<std::uint32_t>(defaults.fetches);
-  settings.url_tries = static_cast<std::uint32_t>(defaults.http.tries);
+  settings.max_reads_in_flight = static_cast<std::uint32_t>(defaults.max_reads_in_flight);
+  settings.url_max_attempts = static_cast<std::uint32_t>(defaults.http.max_attempts);
   settings.url_connect_seconds = defaults.http.connect_seconds;
   settings.url_stall_seconds = defaults.http.stall_seconds;
   settings.live_follow = defaults.live.follow ? 1 : 0;
-  settings.live_behind_seconds = defaults.live.behind_seconds;
+  settings.live_latency_seconds = defaults.live.latency_seconds;
   settings.live_poll_seconds = defaults.live.poll_seconds;
   settings.live_stall_seconds = defaults.live.stall_seconds;
   settings.live_skip_seconds = defaults.live.skip_seconds;
@@ -50,15 +50,15 @@ std::string out_of_range(const stgs_player_settings& s) {
     double value, least, most;
   } ranges[] = {{"memory_budget", static_cast<double>(s.memory_budget), kLeastMemory, kMost},
                 {"max_memory", static_cast<double>(s.max_memory), kLeastMemory, kMost},
-                {"ahead_seconds", s.ahead_seconds, 0, kMost},
+                {"prefetch_seconds", s.prefetch_seconds, 0, kMost},
                 {"resume_seconds", s.resume_seconds, 0, kMost},
-                {"patience_seconds", s.patience_seconds, 0, kMost},
+                {"layer_lead_seconds", s.layer_lead_seconds, 0, kMost},
                 {"retry_seconds", s.retry_seconds, 0, kMost},
-                {"fetches", static_cast<double>(s.fetches), 1, 64},
-                {"url_tries", static_cast<double>(s.url_tries), 1, 1000},
+                {"max_reads_in_flight", static_cast<double>(s.max_reads_in_flight), 1, 64},
+                {"url_max_attempts", static_cast<double>(s.url_max_attempts), 1, 1000},
                 {"url_connect_seconds", s.url_connect_seconds, 0, kMost},
                 {"url_stall_seconds", s.url_stall_seconds, 0, kMost},
-                {"live_behind_seconds", s.live_behind_seconds, 0, kMost},
+                {"live_latency_seconds", s.live_latency_seconds, 0, kMost},
                 {"live_poll_seconds", s.live_poll_seconds, 0, kMost},
                 {"live_stall_seconds", s.live_stall_seconds, 0, kMost},
                 {"live_skip_seconds", s.live_skip_seconds, 0, kMost}};
@@ -75,16 +75,16 @@ stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
   out.memory_budget = s.memory_budget;
   out.limits = {s.max_primitives, s.max_memory};
   out.max_file_bytes = s.max_file_bytes;
-  out.ahead_seconds = s.ahead_seconds;
+  out.prefetch_seconds = s.prefetch_seconds;
   out.resume_seconds = s.resume_seconds;
-  out.layer_patience_seconds = s.patience_seconds;
+  out.layer_lead_seconds = s.layer_lead_seconds;
   out.retry_seconds = s.retry_seconds;
-  out.fetches = static_cast<int>(s.fetches);
-  out.http.tries = static_cast<int>(s.url_tries);
+  out.max_reads_in_flight = static_cast<int>(s.max_reads_in_flight);
+  out.http.max_attempts = static_cast<int>(s.url_max_attempts);
   out.http.connect_seconds = s.url_connect_seconds;
   out.http.stall_seconds = s.url_stall_seconds;
   out.live.follow = s.live_follow != 0;
-  out.live.behind_seconds = s.live_behind_seconds;
+  out.live.latency_seconds = s.live_latency_seconds;
   out.live.poll_seconds = s.live_poll_seconds;
   out.live.stall_seconds = s.live_stall_seconds;
   out.live.skip_seconds = s.live_skip_seconds;
@@ -119,8 +119,8 @@ stgs_event_kind kind_of(PlayerEvent::Kind kind) {
       return STGS_EVENT_LAYERS;
     case PlayerEvent::Kind::kRetry:
       return STGS_EVENT_RETRY;
-    case PlayerEvent::Kind::kLost:
-      return STGS_EVENT_LOST;
+    case PlayerEvent::Kind::kReadFailed:
+      return STGS_EVENT_READ_FAILED;
     case PlayerEvent::Kind::kDamaged:
       return STGS_EVENT_DAMAGED;
     case PlayerEvent::Kind::kReplaced:
@@ -151,9 +151,9 @@ stgs_player_status status_of(const stgs_player& player) {
   out.state = state_of(open.state());
   out.seconds = open.seconds();
   out.layers = open.layers();
-  out.layers_of_file = open.layers_of_file();
+  out.layer_count = open.layer_count();
   out.ready = open.ready() ? 1 : 0;
-  out.settled = open.settled() ? 1 : 0;
+  out.is_complete = open.is_complete() ? 1 : 0;
   return out;
 }
 
@@ -221,7 +221,7 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
     player->tasks = stgs::sdk::caller_tasks(known.task_runner);
     player->wanted.task_runner = player->tasks.get();
     player->wanted.http.stop = player->stop.get_token();
-    player->wanted.on_opening = [to = player.get()](const PlayerEvent& event) {
+    player->wanted.on_opening_event = [to = player.get()](const PlayerEvent& event) {
       const std::lock_guard lock(to->opening_mutex);
       to->opening_events.push_back(event);
     };
@@ -311,7 +311,7 @@ stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live* live) {
     if (player->player != nullptr) now = player->player->live();
     stgs::sdk::give_struct(
         live, stgs_player_live{sizeof(*live), now.growing ? 1 : 0, now.following ? 1 : 0,
-                               now.edge_seconds, now.behind_seconds, now.wanted_seconds});
+                               now.edge_seconds, now.latency_seconds, now.target_latency_seconds});
     return {};
   });
 }

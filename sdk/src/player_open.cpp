@@ -32,7 +32,7 @@ void open_caller_source(stgs_player& player, const Io& io) {
   using Opened = stgs_player::Opened;
   player.begin_opening([source, interrupt = caller.interrupt, wanted = player.wanted]() -> Opened {
     STGS_TRY((*source)->refresh(0).status());  // how large it is, which may take its time
-    return Player::over(std::move(*source), wanted, interrupt);
+    return Player::from_source(std::move(*source), wanted, interrupt);
   });
   player.interrupt = std::move(caller.interrupt);
 }
@@ -47,8 +47,9 @@ stgs_result open_bytes(stgs_player* player, const void* data, std::size_t bytes,
     const auto source = std::make_shared<std::unique_ptr<stgs::ByteSource>>(
         copy ? stgs::sdk::copied_source({begin, bytes}, player->wanted.memory)
              : stgs::sdk::borrowed_source({begin, bytes}));
-    player->begin_opening(
-        [source, wanted = player->wanted] { return Player::over(std::move(*source), wanted); });
+    player->begin_opening([source, wanted = player->wanted] {
+      return Player::from_source(std::move(*source), wanted);
+    });
     return {};
   });
 }

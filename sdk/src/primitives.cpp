@@ -69,7 +69,7 @@ class Writer {
   std::uint64_t count_ = 0;
 };
 
-void add_seen(const stgs::player::Timeline::Active::Part& part, Writer& writer) {
+void add_seen(const stgs::player::Timeline::Active::Segment& part, Writer& writer) {
   const stgs::Gaussians4D& set = *part.set;
   for (const std::uint32_t i : *part.candidates) {
     const auto age = static_cast<float>(part.ticks - set.time[i]);
@@ -107,7 +107,7 @@ stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
     if (!active.ok()) return active.status();
     Writer writer(wanted, timeline.reader().sh_degree(),
                   1.0 / timeline.metadata().time_base.seconds(1.0));
-    for (const auto& part : active->parts) add_seen(part, writer);
+    for (const auto& part : active->segments) add_seen(part, writer);
     *count = writer.count();
     return {};
   });

@@ -90,7 +90,7 @@ Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_
 }
 
 Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
-                    const stgs_view* views, const stgs_picture* pictures, std::uint32_t count,
+                    const stgs_view* views, const stgs_image* pictures, std::uint32_t count,
                     Pictures& known) {
   STGS_SDK_TRY(check_moment(scene, seconds));
   STGS_SDK_TRY(take_views(renderer, views, count));
@@ -107,7 +107,7 @@ Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double sec
 
 Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
   STGS_SDK_TRY(scene.check_memory(seconds));
-  const UseTaskRunner use(renderer.tasks.get());
+  const ScopedTaskRunner use(renderer.tasks.get());
   const Status drawn = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
   scene.tell_losses();
   return drawn;
@@ -145,7 +145,7 @@ stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out
 }
 
 stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                        const stgs_view* views, const stgs_picture* pictures, uint32_t count) {
+                        const stgs_view* views, const stgs_image* pictures, uint32_t count) {
   return guarded(renderer, [&]() -> Outcome {
     stgs::sdk::Pictures known;
     STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));

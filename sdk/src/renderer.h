@@ -36,11 +36,11 @@ Outcome check_moment(const stgs_scene* scene, double seconds);
 // The caller's views, checked, into renderer.views.
 Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count);
 
-using Pictures = std::array<stgs_picture, STGS_MAX_VIEWS>;
+using Pictures = std::array<stgs_image, STGS_MAX_VIEWS>;
 // The arguments of a call that draws into pictures, checked: the views into renderer.views, as many
 // of the pictures into `known`.
 Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
-                    const stgs_view* views, const stgs_picture* pictures, std::uint32_t count,
+                    const stgs_view* views, const stgs_image* pictures, std::uint32_t count,
                     Pictures& known);
 // Draws renderer.views; the pictures stay in the backend.
 Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds);

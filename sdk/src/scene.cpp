@@ -45,12 +45,12 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
   auto reader = stgs::SceneReader::open(
       std::move(source), {settings.max_primitives, settings.max_memory}, scene.memory.get());
   if (!reader.ok()) return reader.status();
-  auto timeline =
-      stgs::player::Timeline::over(std::move(reader).value(), name, settings.max_memory,
-                                   settings.refuse_damage != 0 ? stgs::player::Damaged::kRefuse
-                                                               : stgs::player::Damaged::kPassOver);
+  auto timeline = stgs::player::Timeline::from_reader(
+      std::move(reader).value(), name, settings.max_memory,
+      settings.reject_damage != 0 ? stgs::player::DamagePolicy::kReject
+                                  : stgs::player::DamagePolicy::kSkip);
   for (const stgs::Issue& issue : timeline->damage()) {
-    if (settings.refuse_damage != 0 && issue.error) {
+    if (settings.reject_damage != 0 && issue.error) {
       return stgs::invalid_file("{}: {} (byte {}, issue {})", name, issue.message, issue.offset,
                                 issue.number);
     }
@@ -84,18 +84,18 @@ void stgs_scene::tell_damage() const {
 void stgs_scene::tell_losses() {
   // A recording that is listed anew has other segments.
   if (std::exchange(losses_of, timeline->identity()) != timeline->identity()) losses_told = 0;
-  const auto& losses = timeline->losses();
+  const auto& losses = timeline->segment_damage();
   for (; losses_told < losses.size(); ++losses_told) {
-    const stgs::player::Loss& loss = losses[losses_told];
+    const stgs::player::SegmentDamage& loss = losses[losses_told];
     log(STGS_LOG_WARNING, fmt::format("{}: {} of segment {} is not drawn: {}", timeline->name(),
-                                      loss.harmonics_only ? "the view-dependent colour" : "all",
+                                      loss.sh_only ? "the view-dependent colour" : "all",
                                       loss.segment, loss.reason.message()));
   }
 }
 
 Outcome stgs_scene::check_memory(double seconds) {
   if (of_player) return {};
-  auto needed = timeline->needed_at(seconds);
+  auto needed = timeline->visible_segments(seconds);
   if (!needed.ok()) return needed.status();
   const int degree = timeline->reader().sh_degree() + 1;
   // Position, scale, rotation, opacity, time, velocity, sigma, radius; harmonics.
@@ -103,7 +103,7 @@ Outcome stgs_scene::check_memory(double seconds) {
   std::uint64_t bytes = 0;
   for (const auto& one : *needed) {
     const stgs::SegmentInfo& segment = timeline->reader().segments()[one.segment];
-    if (segment.there) bytes += segment.primitives * floats * sizeof(float);
+    if (segment.available) bytes += segment.primitives * floats * sizeof(float);
   }
   if (bytes <= settings.max_memory) return {};
   return {STGS_ERROR_LIMIT,
@@ -153,7 +153,7 @@ stgs_result stgs_scene_open(stgs_scene* scene, const char* place) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*scene));
     if (place == nullptr) return {STGS_ERROR_ARGUMENT, "place is NULL"};
-    auto source = stgs::player::open_place(place);
+    auto source = stgs::player::open_location(place);
     if (!source.ok()) return source.status();
     return open_source(*scene, std::move(source).value());
   });
@@ -234,8 +234,8 @@ stgs_result stgs_scene_get_text(stgs_scene* scene, stgs_text which, const char**
       case STGS_TEXT_GENERATOR:
         *out = scene->keep(metadata.generator);
         return {};
-      case STGS_TEXT_SOUND:
-        *out = scene->keep(metadata.sound);
+      case STGS_TEXT_AUDIO:
+        *out = scene->keep(metadata.audio);
         return {};
       default:
         return {STGS_ERROR_ARGUMENT, fmt::format("there is no text {}", which)};

@@ -9,7 +9,7 @@
 #include "structs.h"
 #include "view_camera.h"
 
-static_assert(STGS_MAX_SIDE == stgs::kMaxPictureSide);
+static_assert(STGS_MAX_SIDE == stgs::kMaxImageSide);
 static_assert(STGS_MAX_VIEWS == stgs::player::kMaxViews);
 
 using stgs::sdk::guarded;

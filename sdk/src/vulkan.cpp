@@ -12,7 +12,7 @@
 #include "structs.h"
 #include "view.h"
 
-static_assert(STGS_VULKAN_FRAMES_ON_THE_WAY == stgs::player::VulkanRenderer::kFramesOnTheWay);
+static_assert(STGS_VULKAN_MAX_FRAMES_IN_FLIGHT == stgs::player::VulkanRenderer::kMaxFramesInFlight);
 
 using stgs::sdk::check_struct;
 using stgs::sdk::give_struct;
@@ -163,10 +163,10 @@ stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
     if (!found.ok()) return Outcome(found.status()).result;
     stgs_vulkan_support out{};
     out.struct_size = sizeof(out);
-    out.can_draw = found->lacks.empty() ? 1 : 0;
+    out.can_render = found->missing_features.empty() ? 1 : 0;
     out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
     out.subgroup_size_control = found->subgroup_size_control ? 1 : 0;
-    found->lacks.copy(out.lacks, sizeof(out.lacks) - 1);
+    found->missing_features.copy(out.missing_features, sizeof(out.missing_features) - 1);
     give_struct(support, out);
     return STGS_OK;
   } catch (const std::bad_alloc&) {
@@ -193,7 +193,7 @@ stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, doubl
     KnownFrame known;
     STGS_SDK_TRY(take_frame(*renderer, frame, known));
     STGS_SDK_TRY(scene->check_memory(seconds));
-    const stgs::UseTaskRunner use(renderer->tasks.get());
+    const stgs::ScopedTaskRunner use(renderer->tasks.get());
     const auto submitted = renderer->vulkan->submit(*scene->timeline, seconds, renderer->views,
                                                     submission_of(known.frame));
     scene->tell_losses();
@@ -214,15 +214,15 @@ stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progre
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_vulkan(*renderer));
     STGS_SDK_TRY(check_struct(progress, "progress"));
-    const auto ended = renderer->vulkan->last_ended();
+    const auto ended = renderer->vulkan->last_completed();
     if (!ended.ok()) return ended.status();
     stgs_vulkan_progress out{};
     out.struct_size = sizeof(out);
     if (ended->number > 0) {
       out.number = ended->number;
-      out.whole = ended->whole ? 1 : 0;
-      out.primitives_alive = ended->stats.alive;
-      out.splats = ended->stats.drawn;
+      out.complete = ended->complete ? 1 : 0;
+      out.active_primitives = ended->stats.active;
+      out.splats = ended->stats.splats;
       out.prepare_ms = ended->stats.fetch_ms;
       out.device_ms = ended->stats.device_ms;
     }

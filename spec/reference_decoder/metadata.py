@@ -21,7 +21,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     fields.text()
     metres, up, floor = fields.f32(), [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
     fields.text()
-    sound_begin = fields.f64()
+    audio_begin = fields.f64()
     need(axes == 0 and all(v == 0 or v >= 128 for v in (kernel, colour, harmonics)), "4.2",
          "a convention that is not known", unsupported=True)
     need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
@@ -31,7 +31,7 @@ def read_meta(file, payload):  # 4.2, 4.3
     need(all(a <= b for a, b in zip(least, greatest)), "4.3", "bounds the wrong way round")
     need(all(map(math.isfinite, up + floor + [metres])) and metres >= 0, "4.3", "the unit or the floor")
     need(not any(up) or abs(math.hypot(*up) - 1) <= 0.001, "4.3", "an up vector of another length")
-    need(abs(sound_begin) <= 2.0 ** 32, "4.3", "where the sound begins")
+    need(abs(audio_begin) <= 2.0 ** 32, "4.3", "where the sound begins")
     if (width, height) == (0, 0):
         return  # no start camera
     need(1 <= width <= 32768 and 1 <= height <= 32768, "4.3", "the start camera's size")

@@ -16,7 +16,7 @@ inline std::multiset<std::string> alive(Timeline& timeline, double seconds) {
   const auto active = timeline.at(seconds);
   REQUIRE(active.ok());
   std::multiset<std::string> out;
-  for (const auto& part : active->parts) {
+  for (const auto& part : active->segments) {
     const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
     out.insert(prints.begin(), prints.end());
   }

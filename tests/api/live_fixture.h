@@ -128,7 +128,7 @@ class GrowingSource final : public ByteSource {
 
 inline PlayerSettings quick() {
   PlayerSettings settings;
-  settings.live.behind_seconds = 0.5;
+  settings.live.latency_seconds = 0.5;
   settings.live.poll_seconds = 0.001;
   settings.live.stall_seconds = 1000;
   settings.retry_seconds = 0.01;
@@ -142,7 +142,7 @@ struct Viewer {
                   const Bytes& bytes = recording().bytes)
       : file(std::make_shared<Growth>(bytes)) {
     file->grow(recording().ends[stretches]);
-    auto opened = Player::over(std::make_unique<GrowingSource>(file), settings);
+    auto opened = Player::from_source(std::make_unique<GrowingSource>(file), settings);
     REQUIRE(opened.ok());
     player = std::move(*opened);
   }
@@ -218,7 +218,7 @@ struct Viewer {
 inline std::multiset<std::string> alive_in(const Recording& recording, double seconds) {
   auto reader = SceneReader::open(memory_source(recording.bytes));
   REQUIRE(reader.ok());
-  return alive(*Timeline::over(std::move(*reader)), seconds);
+  return alive(*Timeline::from_reader(std::move(*reader)), seconds);
 }
 
 inline std::multiset<std::string> alive_in_file(double seconds) {

@@ -53,9 +53,9 @@ struct Primitives {
       importance.push_back(1);
     }
   }
-  stgs_stretch stretch(std::uint32_t frames) const {
-    stgs_stretch out;
-    REQUIRE(stgs_stretch_defaults(&out, sizeof out) == STGS_OK);
+  stgs_fragment stretch(std::uint32_t frames) const {
+    stgs_fragment out;
+    REQUIRE(stgs_fragment_defaults(&out, sizeof out) == STGS_OK);
     out.frames = frames;
     out.count = opacity.size();
     out.position = position.data();
@@ -71,8 +71,8 @@ struct Primitives {
     return out;
   }
   // What must be told of each alone.
-  stgs_stretch plain(std::uint32_t frames) const {
-    stgs_stretch out = stretch(frames);
+  stgs_fragment plain(std::uint32_t frames) const {
+    stgs_fragment out = stretch(frames);
     out.velocity = out.rotation = out.time = out.sigma = out.radius = out.importance = nullptr;
     return out;
   }

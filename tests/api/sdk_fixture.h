@@ -82,9 +82,9 @@ inline stgs_view start_view(stgs_scene* scene) {
   REQUIRE(stgs_scene_start_view(scene, &view) == STGS_OK);
   return view;
 }
-inline stgs_picture empty_picture() {
-  stgs_picture picture;
-  REQUIRE(stgs_picture_defaults(&picture, sizeof picture) == STGS_OK);
+inline stgs_image empty_picture() {
+  stgs_image picture;
+  REQUIRE(stgs_image_defaults(&picture, sizeof picture) == STGS_OK);
   return picture;
 }
 
@@ -92,7 +92,7 @@ inline stgs_picture empty_picture() {
 inline std::vector<std::uint8_t> draw_rgba8(stgs_renderer* renderer, stgs_scene* scene,
                                             double seconds, const stgs_view& view) {
   std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.rgba8 = {pixels.data(), 0, pixels.size()};
   REQUIRE(stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK);
   return pixels;

@@ -107,7 +107,7 @@ inline bool update_until(stgs_player* player, double now,
   return wait_until([&] { return holds(update(player, now)); });
 }
 inline bool settle(stgs_player* player, double now) {
-  return update_until(player, now, [](const stgs_player_status& s) { return s.settled != 0; });
+  return update_until(player, now, [](const stgs_player_status& s) { return s.is_complete != 0; });
 }
 
 // What a source of the application's does with its reads. Thread-safe.

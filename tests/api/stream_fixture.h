@@ -136,8 +136,8 @@ struct Playing {
   explicit Playing(PlayerSettings settings = {}, std::vector<std::uint8_t> bytes = clip().bytes,
                    const std::function<void(Link&)>& prepare = {}) {
     if (prepare) prepare(*link);
-    auto opened = Player::over(std::make_unique<LinkSource>(std::move(bytes), link), settings,
-                               [link = link] { link->interrupt(); });
+    auto opened = Player::from_source(std::make_unique<LinkSource>(std::move(bytes), link),
+                                      settings, [link = link] { link->interrupt(); });
     REQUIRE(opened.ok());
     player = std::move(*opened);
   }
@@ -155,7 +155,7 @@ struct Playing {
     return false;
   }
   bool complete() {
-    return until([&] { return player->layers() == player->layers_of_file(); });
+    return until([&] { return player->layers() == player->layer_count(); });
   }
   // Plays on until it has ended, 1/30 s at a time; waits where it has to.
   void to_the_end(const std::function<void()>& at_each = {}) {
@@ -185,7 +185,7 @@ struct Playing {
 inline std::multiset<std::string> alive_in_file(double seconds) {
   auto reader = SceneReader::open(memory_source(clip().bytes));
   REQUIRE(reader.ok());
-  return alive(*Timeline::over(std::move(*reader)), seconds);
+  return alive(*Timeline::from_reader(std::move(*reader)), seconds);
 }
 
 }  // namespace stgs::player

@@ -75,8 +75,8 @@ TEST_CASE("undistortion zooms just enough to leave no border") {
   const auto plan = plan_camera(source, {320, 240, 1, 0}, 1);
   REQUIRE(plan.ok());
   CHECK(plan->zoom > 1.02);
-  CHECK(plan->zoom < kLargestZoom);
-  CHECK_FALSE(plan->bordered);
+  CHECK(plan->zoom < kMaxUndistortionZoom);
+  CHECK_FALSE(plan->has_border);
   CHECK(plan->camera.fx == Approx(source.fx * plan->zoom));
   CHECK(plan->camera.cx == source.cx);
   double low = 0, high = 0;

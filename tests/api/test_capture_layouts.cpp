@@ -67,7 +67,7 @@ TEST_CASE("panoptic: cameras, split, masks") {
     const SourceCamera& camera = capture->cameras[i];
     CHECK(camera.name == std::to_string(i));
     CHECK(camera.test == (i == 0));
-    CHECK(camera.pictures.size() == 2);
+    CHECK(camera.images.size() == 2);
     CHECK(camera.masks.size() == (i == 0 ? 0 : 2));
     CHECK(difference(camera, known_camera(i, kCameras, "")) < 1e-5);
   }
@@ -186,7 +186,7 @@ TEST_CASE("colmap: text models of every lens") {
   for (int i = 0; i < kCameras; ++i) {
     CHECK(difference(capture->cameras[i], known_camera(i, kCameras, "")) < 1e-6);
     CHECK(capture->cameras[i].lens == lenses[i]);
-    CHECK(capture->cameras[i].pictures.size() == 2);
+    CHECK(capture->cameras[i].images.size() == 2);
   }
   REQUIRE(capture->points.size() == 1);
   CHECK(capture->points[0].position[2] == 2);
@@ -294,8 +294,8 @@ TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by tim
     CHECK(camera.name == fmt::format("cam0{}", i));
     CHECK(difference(camera, known_camera(i, kCameras, "")) < 1e-9);
     CHECK(camera.lens == LensModel::kOpenCv);
-    REQUIRE(camera.pictures.size() == 2);
-    CHECK(fs::path(camera.pictures[0]).filename() == fmt::format("9_{}.png", i));
+    REQUIRE(camera.images.size() == 2);
+    CHECK(fs::path(camera.images[0]).filename() == fmt::format("9_{}.png", i));
   }
 }
 

@@ -46,17 +46,17 @@ TEST_CASE("what is there of a truncated file can be read") {
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
         const SegmentInfo& s = segments[i];
         const bool there = s.offset + s.bytes <= size;
-        const bool all = there && s.harmonics_offset + s.harmonics_bytes <= size;
+        const bool all = there && s.sh_offset + s.sh_bytes <= size;
         if (!all) complete = std::min(complete, s.begin_ticks);
         const auto set = (*reader)->decode(i);
-        if (s.there != there || (s.there && s.harmonics_there) != all || set.ok() != all) {
+        if (s.available != there || (s.available && s.sh_available) != all || set.ok() != all) {
           FAIL(size << " bytes, segment " << i);
         }
         if (!all && set.status().message().find("issue 106") == std::string::npos) {
           FAIL(set.status().message());
         }
         Status lost;
-        const auto left = (*reader)->decode_sound(i, lost);
+        const auto left = (*reader)->decode_intact(i, lost);
         if (left.ok() != there || (there && lost.ok() != all)) FAIL(size << " bytes: sound " << i);
         if (there && left->position != positions[i]) FAIL("other positions at " << size);
       }
@@ -137,19 +137,19 @@ TEST_CASE("damage to harmonics leaves the primitives without them") {
   const auto sound = SceneReader::open(memory_source(bytes));
   REQUIRE(sound.ok());
   const SegmentInfo segment = (*sound)->segments()[0];
-  REQUIRE(segment.harmonics_bytes > 0);
-  bytes[segment.harmonics_offset + segment.harmonics_bytes / 2] ^= 0x40;
+  REQUIRE(segment.sh_bytes > 0);
+  bytes[segment.sh_offset + segment.sh_bytes / 2] ^= 0x40;
   const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
   REQUIRE(reader.ok());
   CHECK((*reader)->decode(0).status().code() == StatusCode::kInvalidFile);
   Status lost;
-  const auto set = (*reader)->decode_sound(0, lost);
+  const auto set = (*reader)->decode_intact(0, lost);
   REQUIRE(set.ok());
   CHECK(lost.message().find("issue 112") != std::string::npos);
   const auto plain = (*sound)->decode(0, false);
   CHECK(set->sh == plain->sh);
   CHECK(set->position == plain->position);
-  REQUIRE((*reader)->decode_sound(1, lost).ok());
+  REQUIRE((*reader)->decode_intact(1, lost).ok());
   CHECK(lost.ok());
   CHECK(numbers_of(issues_of(bytes)).count(112) == 1);
 }

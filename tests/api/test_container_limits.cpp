@@ -9,7 +9,7 @@
 
 #include "damage_fixture.h"
 #include "head_fixture.h"
-#include "stgs/format/scene_losses.h"
+#include "stgs/format/damage_report.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -99,7 +99,7 @@ Bytes stated(std::uint32_t primitives, bool there) {
   head.index.chunk_ticks = 1;
   head.index.primitives = primitives;
   head.parts.push_back({0, 30, 0});
-  const std::uint64_t bytes = primitives / kMostPrimitivesPerByte + kRecordHeaderBytes;
+  const std::uint64_t bytes = primitives / kMaxPrimitivesPerByte + kRecordHeaderBytes;
   head.index.segments.push_back({{-1, 0, 0, 0, bytes, primitives}, {}, 0});
   FileMetadata metadata;
   metadata.scene.frames = 30;
@@ -208,7 +208,7 @@ TEST_CASE("all that decoding a segment takes counts") {
       std::uint64_t floats = 0, stored = 0;
       for (const SegmentInfo& segment : (*reader)->segments()) {
         floats = std::max<std::uint64_t>(floats, segment.primitives * std::uint64_t{4 * (17 + 12)});
-        stored = std::max(stored, segment.bytes + segment.harmonics_bytes);
+        stored = std::max(stored, segment.bytes + segment.sh_bytes);
       }
       CHECK_FALSE(fits(floats));
       CHECK_FALSE(fits(std::max(floats, stored) + 8));
@@ -221,8 +221,8 @@ TEST_CASE("memory is taken for what has been decoded, not for what an index says
   Counting heap;
   std::pmr::memory_resource* const before = std::pmr::set_default_resource(&heap);
   for (const bool there : {false, true}) {
-    SceneLosses losses;
-    const auto scene = read_sound_scene(memory_source(stated(1'000'000, there)), losses);
+    DamageReport losses;
+    const auto scene = recover_scene(memory_source(stated(1'000'000, there)), losses);
     CHECK(scene.status().code() == StatusCode::kInvalidFile);
   }
   std::pmr::set_default_resource(before);

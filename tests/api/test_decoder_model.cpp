@@ -43,7 +43,7 @@ TEST_CASE("what is held, and the rate, are those of the moment that has most") {
       for (const std::uint32_t s : reader->segments_between(t, t)) {
         const SegmentInfo& segment = reader->segments()[s];
         here.primitives += segment.primitives;
-        here.bytes += segment.bytes + segment.harmonics_bytes;
+        here.bytes += segment.bytes + segment.sh_bytes;
         here.ranges += s == before + 1 ? 0 : 1;
         before = s;
       }
@@ -65,7 +65,7 @@ TEST_CASE("what is held, and the rate, are those of the moment that has most") {
     double bits = 0, primitives = 0, slack = 1e30, work_slack = 1e30;
     std::uint64_t startup = needs.index_bytes;
     for (const SegmentInfo& segment : segments) {
-      const auto bytes = segment.bytes + segment.harmonics_bytes;
+      const auto bytes = segment.bytes + segment.sh_bytes;
       if (segment.begin_ticks <= 30.0) {
         startup += bytes;
         continue;
@@ -91,7 +91,7 @@ TEST_CASE("the tables that records can have of their own count as work") {
     for (const SegmentInfo& segment : reader->segments()) {
       if (segment.begin_ticks <= 30.0 || segment.begin_ticks > last.begin_ticks) continue;
       work += std::max(segment.primitives, 1000u);
-      for (const std::uint64_t bytes : {segment.bytes, segment.harmonics_bytes}) {
+      for (const std::uint64_t bytes : {segment.bytes, segment.sh_bytes}) {
         work += 64.0 * static_cast<double>(std::min<std::uint64_t>(256, bytes / 3));
       }
     }
@@ -109,8 +109,7 @@ TEST_CASE("a clip of one segment asks for itself alone") {
   CHECK(needs.bits_per_second == 0.0);
   CHECK(needs.primitives_per_second == 0.0);
   const SegmentInfo& last = reader->segments().back();
-  CHECK(needs.startup_bytes ==
-        std::max(last.offset + last.bytes, last.harmonics_offset + last.harmonics_bytes));
+  CHECK(needs.startup_bytes == std::max(last.offset + last.bytes, last.sh_offset + last.sh_bytes));
 }
 
 TEST_CASE("the levels of the text are the program's") {

@@ -21,7 +21,7 @@ std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBud
   REQUIRE(bytes.ok());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   REQUIRE(reader.ok());
-  return Timeline::over(std::move(*reader), "the scene", budget);
+  return Timeline::from_reader(std::move(*reader), "the scene", budget);
 }
 
 class OverTimeline : public Timeline {
@@ -32,10 +32,12 @@ class OverTimeline : public Timeline {
   double duration_seconds() const override { return under_->duration_seconds(); }
   const std::vector<Issue>& damage() const override { return under_->damage(); }
   double complete_seconds() const override { return under_->complete_seconds(); }
-  const std::vector<Loss>& losses() const override { return under_->losses(); }
+  const std::vector<SegmentDamage>& segment_damage() const override {
+    return under_->segment_damage();
+  }
   Result<Active> at(double seconds) override { return under_->at(seconds); }
-  Result<std::vector<Needed>> needed_at(double seconds) override {
-    return under_->needed_at(seconds);
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
+    return under_->visible_segments(seconds);
   }
   const SceneReader& reader() const override { return under_->reader(); }
   Result<std::optional<Gaussians4D>> decode(std::uint32_t s) override { return under_->decode(s); }
@@ -52,8 +54,8 @@ class OverTimeline : public Timeline {
 class Coming final : public OverTimeline {
  public:
   Coming() : OverTimeline(make_timeline()) {}
-  Result<std::vector<Needed>> needed_at(double seconds) override {
-    STGS_ASSIGN(std::vector<Needed> needed, OverTimeline::needed_at(seconds));
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
+    STGS_ASSIGN(std::vector<SegmentRef> needed, OverTimeline::visible_segments(seconds));
     if (calls_++ == 0) needed.pop_back();
     return needed;
   }
@@ -70,15 +72,15 @@ class Decoded final : public OverTimeline {
     large_->resize(4 * 65536 + 100);
     small_->resize(10);
   }
-  Result<std::vector<Needed>> needed_at(double seconds) override {
-    STGS_ASSIGN(std::vector<Needed> needed, OverTimeline::needed_at(seconds));
-    for (Needed& one : needed) {
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
+    STGS_ASSIGN(std::vector<SegmentRef> needed, OverTimeline::visible_segments(seconds));
+    for (SegmentRef& one : needed) {
       one.set = better.contains(one.segment) ? better.at(one.segment) : of_tier(one.segment);
     }
     return needed;
   }
   bool is_playing() const override { return playing; }
-  std::vector<Needed> needed_soon(double /*seconds*/) override { return soon; }
+  std::vector<SegmentRef> prefetch_segments(double /*seconds*/) override { return soon; }
   bool is_first(std::uint32_t segment) const { return reader().segments()[segment].tier == 0; }
   std::shared_ptr<const Gaussians4D> of_tier(std::uint32_t segment) {
     if (!as_in_file) return is_first(segment) ? small_ : large_;
@@ -92,7 +94,7 @@ class Decoded final : public OverTimeline {
 
   bool playing = true, as_in_file = false;
   std::map<std::uint32_t, std::shared_ptr<const Gaussians4D>> better;
-  std::vector<Needed> soon;
+  std::vector<SegmentRef> soon;
 
  private:
   static WriteSettings in_tiers() {
@@ -110,7 +112,7 @@ class CountingDevice final : public DeviceSegments {
  public:
   ~CountingDevice() override { clear(); }
 
-  static constexpr std::size_t kPiece = DeviceSegments::kPiece;
+  static constexpr std::size_t kMaxUploadPrimitives = DeviceSegments::kMaxUploadPrimitives;
   std::set<std::uint32_t> there;
   std::map<std::uint32_t, std::size_t> arriving;  // what comes next of each
   int sent = 0, pieces = 0;
@@ -122,23 +124,23 @@ class CountingDevice final : public DeviceSegments {
   void reserve(std::uint64_t bytes) override { reserved = bytes; }
   std::uint64_t bytes_of(std::uint64_t primitives) const override { return kEach * primitives; }
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override {
-    for (const std::uint32_t s : segments) STGS_TRY(decode_here(timeline, s));
+    for (const std::uint32_t s : segments) STGS_TRY(decode_on_cpu(timeline, s));
     return {};
   }
-  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override {
+  Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override {
     if (first == 0) arriving.erase(segment);
     CHECK(arriving[segment] == first);
     time_ += piece_takes;
     ++pieces;
-    arriving[segment] += kPiece;
+    arriving[segment] += kMaxUploadPrimitives;
     if (arriving[segment] < set.size()) return {};
     arriving.erase(segment);
     there.insert(segment);
     ++sent;
-    keep(segment, set.size(), kEach * set.size());
+    insert(segment, set.size(), kEach * set.size());
     return {};
   }
-  void abandon(std::uint32_t segment) override { CHECK(arriving.erase(segment) == 1); }
+  void cancel_upload(std::uint32_t segment) override { CHECK(arriving.erase(segment) == 1); }
   void release(std::uint32_t segment) override { CHECK(there.erase(segment) == 1); }
   Clock::time_point now() const override { return time_; }
 
@@ -148,15 +150,15 @@ class CountingDevice final : public DeviceSegments {
 TEST_CASE("a device holds what a moment needs, and is sent it once") {
   const auto timeline = make_timeline();
   CountingDevice device;
-  const auto needed = device.hold(*timeline, 1.0);
+  const auto needed = device.make_resident(*timeline, 1.0);
   REQUIRE(needed.ok());
-  CHECK(needed->size() == timeline->needed_at(1.0)->size());
+  CHECK(needed->size() == timeline->visible_segments(1.0)->size());
   const int sent = device.sent;
   CHECK(sent == static_cast<int>(needed->size()));
-  REQUIRE(device.hold(*timeline, 1.0).ok());
+  REQUIRE(device.make_resident(*timeline, 1.0).ok());
   CHECK(device.sent == sent);
   const auto other = make_timeline();
-  REQUIRE(device.hold(*other, 1.0).ok());
+  REQUIRE(device.make_resident(*other, 1.0).ok());
   CHECK(device.sent == 2 * sent);
   CHECK(device.there.size() == needed->size());
 }
@@ -164,16 +166,16 @@ TEST_CASE("a device holds what a moment needs, and is sent it once") {
 TEST_CASE("what comes while a moment is brought is for the next picture") {
   Coming timeline;
   CountingDevice device;
-  const auto first = device.hold(timeline, 1.0);
+  const auto first = device.make_resident(timeline, 1.0);
   REQUIRE(first.ok());
   for (const auto& one : *first) CHECK(device.there.contains(one.segment));
-  const auto second = device.hold(timeline, 1.0);
+  const auto second = device.make_resident(timeline, 1.0);
   REQUIRE(second.ok());
   CHECK(second->size() == first->size() + 1);
 }
 
 std::size_t all_of(Timeline& timeline, double seconds) {
-  const auto needed = timeline.needed_at(seconds);
+  const auto needed = timeline.visible_segments(seconds);
   REQUIRE(needed.ok());
   return needed->size();
 }
@@ -183,20 +185,20 @@ TEST_CASE("while it plays, what makes a picture better comes with several pictur
   CountingDevice device;
   device.piece_takes = std::chrono::milliseconds(8);
   const std::size_t all = all_of(timeline, 1.0);
-  auto drawn = device.hold(timeline, 1.0);
+  auto drawn = device.make_resident(timeline, 1.0);
   REQUIRE(drawn.ok());
   CHECK(drawn->size() < all);
-  const auto count_first = [&](const std::vector<Timeline::Needed>& some) {
+  const auto count_first = [&](const std::vector<Timeline::SegmentRef>& some) {
     return std::count_if(some.begin(), some.end(),
                          [&](const auto& one) { return timeline.is_first(one.segment); });
   };
-  const auto needed = timeline.needed_at(1.0);
+  const auto needed = timeline.visible_segments(1.0);
   REQUIRE(needed.ok());
   REQUIRE(count_first(*needed) > 0);
   CHECK(count_first(*drawn) == count_first(*needed));
   while (drawn->size() < all) {
     const int before = device.pieces;
-    drawn = device.hold(timeline, 1.0);
+    drawn = device.make_resident(timeline, 1.0);
     REQUIRE(drawn.ok());
     REQUIRE(device.pieces > before);
     REQUIRE(device.pieces <= before + 4);
@@ -208,26 +210,26 @@ TEST_CASE("while it plays, what makes a picture better comes with several pictur
     const std::uint32_t changed = drawn->front().segment;
     REQUIRE(timeline.is_first(changed));
     const auto better = std::make_shared<Gaussians4D>();
-    better->resize(5 * CountingDevice::kPiece);
+    better->resize(5 * CountingDevice::kMaxUploadPrimitives);
     timeline.better[changed] = better;
     int pictures = 0;
     for (; device.sent == static_cast<int>(all); ++pictures) {
-      drawn = device.hold(timeline, 1.0);
+      drawn = device.make_resident(timeline, 1.0);
       REQUIRE(drawn.ok());
       REQUIRE(drawn->size() == all);
       REQUIRE(device.there.contains(changed));
     }
     CHECK(pictures > 1);
     const int pieces = device.pieces;
-    REQUIRE(device.hold(timeline, 1.0).ok());
+    REQUIRE(device.make_resident(timeline, 1.0).ok());
     CHECK(device.pieces == pieces);
   }
 }
 
 // What is needed at another moment and not at `seconds`.
-std::vector<Timeline::Needed> only_at(Decoded& timeline, double other, double seconds) {
-  auto there = timeline.needed_at(other);
-  const auto here = timeline.needed_at(seconds);
+std::vector<Timeline::SegmentRef> only_at(Decoded& timeline, double other, double seconds) {
+  auto there = timeline.visible_segments(other);
+  const auto here = timeline.visible_segments(seconds);
   REQUIRE(there.ok());
   REQUIRE(here.ok());
   std::erase_if(*there, [&](const auto& one) {
@@ -245,7 +247,7 @@ TEST_CASE("while it plays, what is needed soon is brought ahead and not drawn") 
   const std::size_t all = all_of(timeline, 1.0);
   const auto is_there = [&](const auto& one) { return device.there.contains(one.segment); };
   for (int k = 0; k < 1000; ++k) {
-    const auto drawn = device.hold(timeline, 1.0);
+    const auto drawn = device.make_resident(timeline, 1.0);
     REQUIRE(drawn.ok());
     REQUIRE(drawn->size() <= all);
     if (std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there)) break;
@@ -253,12 +255,12 @@ TEST_CASE("while it plays, what is needed soon is brought ahead and not drawn") 
   CHECK(std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there));
   const int sent = device.sent;
   timeline.soon.clear();
-  REQUIRE(device.hold(timeline, 2.0).ok());
+  REQUIRE(device.make_resident(timeline, 2.0).ok());
   CHECK(device.sent == sent);
 }
 
 std::uint64_t bytes_at(Decoded& timeline, double seconds) {
-  const auto needed = timeline.needed_at(seconds);
+  const auto needed = timeline.visible_segments(seconds);
   REQUIRE(needed.ok());
   std::uint64_t bytes = 0;
   for (const auto& one : *needed) {
@@ -271,7 +273,7 @@ TEST_CASE("with little memory what is not needed goes before what is drawn or co
   Decoded whole;
   const double fuller = bytes_at(whole, 1.0) > bytes_at(whole, 2.0) ? 1.0 : 2.0;
   const double other = 3.0 - fuller;
-  const auto drawn = whole.needed_at(fuller);
+  const auto drawn = whole.visible_segments(fuller);
   REQUIRE(drawn.ok());
   REQUIRE(drawn->size() > 2);
   const std::uint32_t changed[] = {drawn->front().segment, drawn->back().segment};
@@ -282,8 +284,8 @@ TEST_CASE("with little memory what is not needed goes before what is drawn or co
   timeline.as_in_file = true;
   timeline.playing = false;
   CountingDevice device;
-  REQUIRE(device.hold(timeline, other).ok());
-  REQUIRE(device.hold(timeline, fuller).ok());
+  REQUIRE(device.make_resident(timeline, other).ok());
+  REQUIRE(device.make_resident(timeline, fuller).ok());
   REQUIRE(device.there.size() > drawn->size());
   timeline.playing = true;
   const auto check_drawn = [&] {
@@ -299,7 +301,7 @@ TEST_CASE("with little memory what is not needed goes before what is drawn or co
     }
     const int sent = device.sent;
     for (int k = 1; k <= 2; ++k) {
-      REQUIRE(device.hold(timeline, fuller).ok());
+      REQUIRE(device.make_resident(timeline, fuller).ok());
       CHECK(device.sent == sent + k);
       check_drawn();
     }
@@ -307,7 +309,7 @@ TEST_CASE("with little memory what is not needed goes before what is drawn or co
   SECTION("what comes next does not displace it") {
     timeline.soon = only_at(timeline, other, fuller);
     for (int k = 0; k < 20; ++k) {
-      REQUIRE(device.hold(timeline, fuller).ok());
+      REQUIRE(device.make_resident(timeline, fuller).ok());
       check_drawn();
     }
   }
@@ -318,7 +320,7 @@ TEST_CASE("what stands still is all there at once") {
   timeline.playing = false;
   CountingDevice device;
   device.piece_takes = std::chrono::milliseconds(3);
-  const auto drawn = device.hold(timeline, 1.0);
+  const auto drawn = device.make_resident(timeline, 1.0);
   REQUIRE(drawn.ok());
   CHECK(drawn->size() == all_of(timeline, 1.0));
 }
@@ -327,12 +329,12 @@ TEST_CASE("what has not come in time is given up") {
   Decoded timeline;
   CountingDevice device;
   device.piece_takes = std::chrono::milliseconds(26);  // more than a picture waits
-  REQUIRE(device.hold(timeline, 1.0).ok());
+  REQUIRE(device.make_resident(timeline, 1.0).ok());
   REQUIRE(device.arriving.size() == 1);
   const std::uint32_t late = device.arriving.begin()->first;
   timeline.better[late] = std::make_shared<Gaussians4D>(*timeline.of_tier(late));
   timeline.playing = false;
-  REQUIRE(device.hold(timeline, 1.0).ok());
+  REQUIRE(device.make_resident(timeline, 1.0).ok());
   CHECK(device.arriving.empty());
   CHECK(device.there.contains(late));
 }
@@ -342,7 +344,7 @@ TEST_CASE("a device keeps to the budget, and drops what was needed least recentl
   std::uint64_t most = 0;
   for (double t = 0; t < 3; t += 0.1) {
     std::uint64_t bytes = 0;
-    const auto needed = whole->needed_at(t);
+    const auto needed = whole->visible_segments(t);
     REQUIRE(needed.ok());
     for (const auto& one : *needed) {
       bytes += kEach * whole->reader().segments()[one.segment].primitives;
@@ -352,13 +354,13 @@ TEST_CASE("a device keeps to the budget, and drops what was needed least recentl
   const auto timeline = make_timeline(most);
   CountingDevice device;
   for (double t = 0; t < 3; t += 0.1) {
-    REQUIRE(device.hold(*timeline, t).ok());
+    REQUIRE(device.make_resident(*timeline, t).ok());
     CHECK(kEach * device.stored_primitives() <= most);
   }
   CHECK(device.reserved == most);
-  CHECK(kEach * device.fullest().primitives == most);
+  CHECK(kEach * device.peak().primitives == most);
   const auto little = make_timeline(most / 4);
-  const auto refused = device.hold(*little, 1.5);
+  const auto refused = device.make_resident(*little, 1.5);
   REQUIRE_FALSE(refused.ok());
   // In the unit of --memory, rounded to what is enough.
   CHECK(refused.status().message().find("MB (10^6 bytes) decoded, more than the budget") !=

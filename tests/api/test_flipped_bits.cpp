@@ -78,7 +78,7 @@ void flip_each_byte(Profile profile) {
     for (std::size_t s = 0; s < segments.size(); ++s) {
       const SegmentInfo& segment = segments[s];
       const bool base = within(at, segment.offset, segment.bytes);
-      const bool harmonics = within(at, segment.harmonics_offset, segment.harmonics_bytes);
+      const bool harmonics = within(at, segment.sh_offset, segment.sh_bytes);
       in_a_segment = in_a_segment || base || harmonics;
       REQUIRE(played.base[s] == (base ? std::vector<std::string>{} : expected.base[s]));
       REQUIRE(played.whole[s] ==

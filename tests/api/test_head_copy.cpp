@@ -66,7 +66,7 @@ TEST_CASE("a damaged head is read from its copy, which is told") {
 TEST_CASE("a damaged head is mended by finalize, to the byte") {
   const TemporaryFolder folder;
   const Bytes sound = copied_file();
-  SceneLosses losses;
+  DamageReport losses;
   CHECK(finalize_scene(memory_source(sound), folder / "x.stgs", losses).code() ==
         StatusCode::kUsage);
   for (const std::size_t at : {std::size_t{4}, std::size_t{30}, index_at(sound) + kRecord}) {

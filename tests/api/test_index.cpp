@@ -296,7 +296,7 @@ TEST_CASE("the segments of a moment are those that a look at all of them finds")
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
         const SegmentInfo& one = segments[i];
         const bool ends_after = first < one.end_ticks || one.end_ticks == kEnd;
-        if (one.shown() && one.begin_ticks <= end && ends_after) expected.push_back(i);
+        if (one.is_shown() && one.begin_ticks <= end && ends_after) expected.push_back(i);
       }
       REQUIRE(times.between(t0, t0 + length) == expected);
       found += expected.size();

@@ -109,14 +109,14 @@ TEST_CASE("glTF holds a set, its axes turned") {
 
 TEST_CASE("every format has a name, an ending, and something that it can do") {
   for (const InterchangeFormat& format : interchange_formats()) {
-    CHECK((format.ending[0] == '.' || format.takes == InterchangeFormat::kSequence));
+    CHECK((format.extension[0] == '.' || format.settings_kind == InterchangeFormat::kSequence));
     CHECK((format.read != nullptr || format.read_path != nullptr || format.write != nullptr));
     if (format.write != nullptr)
-      CHECK(format_to_write(std::string("a") + format.ending) == &format);
+      CHECK(format_for_output(std::string("a") + format.extension) == &format);
   }
-  CHECK(format_to_write("A.PLY") != nullptr);
-  CHECK(format_to_write("a.stgs") == nullptr);
-  CHECK(format_to_write("ply") == nullptr);
+  CHECK(format_for_output("A.PLY") != nullptr);
+  CHECK(format_for_output("a.stgs") == nullptr);
+  CHECK(format_for_output("ply") == nullptr);
 }
 
 TEST_CASE("what was written is known again by its content") {
@@ -148,7 +148,7 @@ TEST_CASE("errors of a conversion are what they say") {
   CHECK(errors->position_max == Approx(0.5));
   CHECK(errors->position_rms == Approx(0.25));
   CHECK(errors->log_scale_max == Approx(0.25));
-  CHECK(errors->harmonics_max == Approx(0.125).epsilon(1e-5));
+  CHECK(errors->sh_max == Approx(0.125).epsilon(1e-5));
   CHECK(errors->rotation_max == Approx(28.6479));
   CHECK(errors->colour_max == 0);
   a.resize(3);

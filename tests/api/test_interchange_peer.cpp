@@ -9,7 +9,7 @@ namespace {
 
 Gaussians4D read(const std::string& name) {
   const std::string path = STGS_TEST_DATA "/interchange/" + name;
-  const Result<const InterchangeFormat*> format = format_of_content(path);
+  const Result<const InterchangeFormat*> format = detect_format(path);
   REQUIRE(format.ok());
   REQUIRE(*format != nullptr);
   ImportReport found;
@@ -33,7 +33,7 @@ TEST_CASE("SPZ by its own library is what it was made from, axes and harmonics i
     CHECK(errors->rotation_max < 0.3);
     CHECK(errors->opacity_max <= 0.5 / 255 + 1e-6);
     CHECK(errors->colour_max < 0.004);
-    CHECK(errors->harmonics_max <= 0.0625 + 0.5 / 128);  // it rounds twice
+    CHECK(errors->sh_max <= 0.0625 + 0.5 / 128);  // it rounds twice
   }
 }
 
@@ -45,7 +45,7 @@ TEST_CASE("packed PLY is what its own program unpacks") {
   CHECK(errors->rotation_max < 1e-3);
   CHECK(errors->opacity_max < 1e-6);
   CHECK(errors->colour_max < 1e-6);
-  CHECK(errors->harmonics_max < 1e-6);
+  CHECK(errors->sh_max < 1e-6);
 }
 
 }  // namespace stgs

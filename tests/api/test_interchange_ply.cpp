@@ -71,7 +71,7 @@ TEST_CASE("a moment draws the picture that the scene draws then") {
   Scene scene = testing::random_scene(300, 2, 12, 5);
   for (float& s : scene.gaussians.log_scale) s += 1.5f;
   for (const double ticks : {0.0, 3.25, 12.0}) {
-    const Result<Gaussians4D> moment = at_moment(scene, ticks);
+    const Result<Gaussians4D> moment = snapshot_at(scene, ticks);
     REQUIRE(moment.ok());
     CHECK(moment->size() < scene.gaussians.size());
     const auto camera = small_camera();
@@ -79,8 +79,8 @@ TEST_CASE("a moment draws the picture that the scene draws then") {
     CHECK(largest_difference(then, picture(*moment, 0.0f, camera)) < 1e-5f);
     CHECK(largest_difference(then, picture(*moment, 1.0f, camera)) < 1e-5f);
   }
-  CHECK(at_moment(scene, 12.5).status().code() == StatusCode::kUsage);
-  CHECK(at_moment(scene, std::nan("")).status().code() == StatusCode::kUsage);
+  CHECK(snapshot_at(scene, 12.5).status().code() == StatusCode::kUsage);
+  CHECK(snapshot_at(scene, std::nan("")).status().code() == StatusCode::kUsage);
 }
 
 TEST_CASE("a moment has what its part has") {
@@ -88,10 +88,10 @@ TEST_CASE("a moment has what its part has") {
   for (float& logit : scene.gaussians.opacity_logit) logit = 3;
   set_static_lifespan(scene.gaussians, 10);
   scene.parts = {{0, 4, 5}, {4, 10, 15}};
-  CHECK(at_moment(scene, 0)->size() == 5);
-  CHECK(at_moment(scene, 3.99)->size() == 5);
-  CHECK(at_moment(scene, 4)->size() == 15);
-  CHECK(at_moment(scene, 10)->size() == 15);
+  CHECK(snapshot_at(scene, 0)->size() == 5);
+  CHECK(snapshot_at(scene, 3.99)->size() == 5);
+  CHECK(snapshot_at(scene, 4)->size() == 15);
+  CHECK(snapshot_at(scene, 10)->size() == 15);
 }
 
 TEST_CASE("flipped axes seen by a flipped camera are the same picture") {

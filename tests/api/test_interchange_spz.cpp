@@ -99,8 +99,8 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     CHECK(errors->log_scale_max <= 0.5 / 16 + 1e-5);
     CHECK(errors->rotation_max < 0.3);
     CHECK(errors->opacity_max <= 0.5 / 255 + 1e-6);
-    CHECK(errors->harmonics_max <= 0.0626);
-    CHECK(errors->harmonics_rms < 0.03);
+    CHECK(errors->sh_max <= 0.0626);
+    CHECK(errors->sh_rms < 0.03);
     CHECK(errors->colour_max < 0.004);
     // What was rounded once is not rounded further, but for rotations near a tie.
     const auto again = conversion_errors(back->gaussians, *read(*write_spz(back->gaussians)));
@@ -108,7 +108,7 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     CHECK(again->log_scale_max == 0);
     CHECK(again->opacity_max == 0);
     CHECK(again->colour_max == 0);
-    CHECK(again->harmonics_max == 0);
+    CHECK(again->sh_max == 0);
     CHECK(again->rotation_max < 0.2);
   }
 }
@@ -119,7 +119,7 @@ TEST_CASE("what is just seen is still seen after SPZ") {
     set.opacity_logit[i] = -5.5373f + 0.002f * static_cast<float>(i);  // just above 1/255, and more
   }
   const Scene back = *read(*write_spz(set));
-  CHECK(at_moment(back, 0)->size() == at_moment(static_scene(set), 0)->size());
+  CHECK(snapshot_at(back, 0)->size() == snapshot_at(static_scene(set), 0)->size());
 }
 
 TEST_CASE("SPZ keeps far positions, and refuses those that it cannot") {

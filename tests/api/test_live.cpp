@@ -30,9 +30,9 @@ TEST_CASE("a viewer joins in the middle, follows the edge, sees all and comes to
     viewer.next_stretch(i, look);
     const LiveState live = viewer.player->live();
     CHECK(live.following);
-    CHECK(live.behind_seconds == Approx(live.wanted_seconds).margin(0.1));
+    CHECK(live.latency_seconds == Approx(live.target_latency_seconds).margin(0.1));
     const double moment = viewer.player->seconds();
-    REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+    REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
     CHECK(alive(viewer.player->timeline(), moment) == alive_in_file(moment));
   }
   for (int i = static_cast<int>(joined / kStretch); i < static_cast<int>(kStretches) - 1; ++i) {
@@ -82,7 +82,7 @@ TEST_CASE("what has been recorded can be paused in and sought, and the edge foun
   CHECK(viewer.player->live().growing);
   REQUIRE(viewer.player->seek_frame(7).ok());
   CHECK(viewer.player->seek_frame(12 * testing::kStretchFrames).code() == StatusCode::kUsage);
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   CHECK(alive(viewer.player->timeline(), viewer.player->seconds()) == alive_in_file(7 * kFrame));
   viewer.play();
   REQUIRE(viewer.until([&] { return viewer.has(7 * kFrame, 18 * kFrame); }));
@@ -93,7 +93,7 @@ TEST_CASE("what has been recorded can be paused in and sought, and the edge foun
   REQUIRE(viewer.until([&] { return viewer.player->state() == PlayerState::kPlaying; }));
   const LiveState live = viewer.player->live();
   CHECK(live.following);
-  CHECK(live.behind_seconds == Approx(live.wanted_seconds).margin(0.05));
+  CHECK(live.latency_seconds == Approx(live.target_latency_seconds).margin(0.05));
   // Further than the edge is the edge; and who plays there faster comes to follow it.
   REQUIRE(viewer.player->seek(1e6).ok());
   viewer.tick();
@@ -118,7 +118,7 @@ TEST_CASE("a distance to the edge is made up for a tenth faster, a great one by 
   REQUIRE(viewer.at_edge_of(13));
   viewer.wait_for(13 * kStretch);
   const LiveState live = viewer.player->live();
-  CHECK(live.behind_seconds - live.wanted_seconds == Approx(0.75).margin(0.1));
+  CHECK(live.latency_seconds - live.target_latency_seconds == Approx(0.75).margin(0.1));
   const double before = viewer.player->seconds();
   viewer.next_stretch(14);
   const double passed = viewer.player->seconds() - before;
@@ -132,7 +132,7 @@ TEST_CASE("a distance to the edge is made up for a tenth faster, a great one by 
   REQUIRE(viewer.at_edge_of(kStretches));
   REQUIRE(viewer.until([&] { return viewer.count(Kind::kSkipped) == 1; }));
   const LiveState skipped = viewer.player->live();
-  CHECK(skipped.behind_seconds < skipped.wanted_seconds + 1.01);
+  CHECK(skipped.latency_seconds < skipped.target_latency_seconds + 1.01);
 }
 
 TEST_CASE("nothing of a recording that grows is read twice") {
@@ -152,7 +152,7 @@ TEST_CASE("nothing of a recording that grows is read twice") {
 TEST_CASE("what opening a reader has read of the index is not read again, and does not pile up") {
   const auto file = std::make_shared<Growth>();
   file->grow(recording().ends[1]);
-  const auto source = std::make_shared<PieceSource>(std::make_unique<GrowingSource>(file),
+  const auto source = std::make_shared<RangeSource>(std::make_unique<GrowingSource>(file),
                                                     std::pmr::get_default_resource());
   IndexCache cache;
   std::uint64_t before = 0, most = 0;
@@ -213,7 +213,7 @@ TEST_CASE("a recording that does not grow is a clip like any other") {
   SECTION("closed") {
     Viewer viewer(kStretches);
     viewer.file->grow(recording().closed());
-    auto opened = Player::over(std::make_unique<GrowingSource>(viewer.file), quick());
+    auto opened = Player::from_source(std::make_unique<GrowingSource>(viewer.file), quick());
     REQUIRE(opened.ok());
     CHECK_FALSE((*opened)->live().growing);
     CHECK((*opened)->seconds() == 0);
@@ -221,7 +221,7 @@ TEST_CASE("a recording that does not grow is a clip like any other") {
   SECTION("in memory") {
     Bytes bytes = recording().bytes;
     bytes.resize(recording().ends[6]);
-    auto opened = Player::over(memory_source(std::move(bytes)), quick());
+    auto opened = Player::from_source(memory_source(std::move(bytes)), quick());
     REQUIRE(opened.ok());
     CHECK_FALSE((*opened)->live().growing);
   }

@@ -41,21 +41,21 @@ TEST_CASE("a recording that has ended is a file like others: when it is overwrit
   };
   write(bytes, large.ends[16]);
   PlayerSettings settings = quick();
-  settings.ahead_seconds = 0.1;
+  settings.prefetch_seconds = 0.1;
   Viewer viewer(path, settings);
   write(bytes, bytes.size());
   REQUIRE(viewer.until([&] { return viewer.count(Kind::kFinished) == 1; }));
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   // Only what it begins with, which is not read again, stays.
   Bytes other(bytes.size(), 'x');
   std::copy_n(bytes.begin(), large.ends[0], other.begin());
   write(other, other.size());
   REQUIRE(viewer.player->seek(1.0).ok());
   REQUIRE(viewer.until([&] { return viewer.count(Kind::kReplaced) == 1; }));
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   CHECK(viewer.count(Kind::kDamaged) == 0);
   write(bytes, bytes.size());
-  REQUIRE(viewer.until([&] { return viewer.player->layers() == viewer.player->layers_of_file(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->layers() == viewer.player->layer_count(); }));
   CHECK(alive(viewer.player->timeline(), 1.0) == alive_in(large, 1.0));
   CHECK(viewer.count(Kind::kReplaced) == 1);
 }
@@ -63,13 +63,13 @@ TEST_CASE("a recording that has ended is a file like others: when it is overwrit
 TEST_CASE("another recording that its source takes for the same is followed as what it is") {
   Viewer viewer(8);
   viewer.play();
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   const Recording other = record(500);
   viewer.file->change(other.bytes);
   viewer.file->grow(other.ends[12]);
   REQUIRE(viewer.at_edge_of(12));
   viewer.player->go_live();
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   const double moment = viewer.player->seconds();
   CHECK(alive(viewer.player->timeline(), moment) == alive_in(other, moment));
 }
@@ -79,7 +79,7 @@ TEST_CASE("a link that goes down is told once, and made up for") {
   viewer.play();
   viewer.file->fail(true);
   viewer.frames(60);
-  REQUIRE(viewer.until([&] { return viewer.count(Kind::kLost) >= 1; }));
+  REQUIRE(viewer.until([&] { return viewer.count(Kind::kReadFailed) >= 1; }));
   const auto edge = [&] { return viewer.player->live().edge_seconds; };
   CHECK(edge() == Approx(6 * kStretch));
   viewer.file->grow(recording().ends[9]);
@@ -115,7 +115,7 @@ TEST_CASE("what a damaged fragment hides is shown once a later one lists it agai
   viewer.file->grow(recording().ends[8]);
   REQUIRE(viewer.at_edge_of(8));
   REQUIRE(viewer.player->seek(5.5 * kStretch).ok());
-  REQUIRE(viewer.until([&] { return viewer.player->settled(); }));
+  REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   const double moment = viewer.player->seconds();
   CHECK(alive(viewer.player->timeline(), moment) == alive_in_file(moment));
   CHECK(identity != viewer.player->timeline().identity());

@@ -365,15 +365,15 @@ TEST_CASE("packing measures its pictures") {
     REQUIRE(files.pack(settings, good) == StatusCode::kOk);
     settings.quality = 30;
     REQUIRE(files.pack(settings, poor) == StatusCode::kOk);
-    REQUIRE((good.pictures_psnr && poor.pictures_psnr));
-    CHECK(*good.pictures_psnr > *poor.pictures_psnr + 6);
-    CHECK(*good.pictures_psnr < 90);  // they show something
+    REQUIRE((good.images_psnr && poor.images_psnr));
+    CHECK(*good.images_psnr > *poor.images_psnr + 6);
+    CHECK(*good.images_psnr < 90);  // they show something
     settings.against = files.folder / "none";
     CHECK(files.pack(settings, poor) == StatusCode::kIo);
   }
   const PackFixture files(scene, false);
   REQUIRE(files.pack({}, good) == StatusCode::kOk);
-  CHECK_FALSE(good.pictures_psnr);
+  CHECK_FALSE(good.images_psnr);
 }
 
 TEST_CASE("what stands still is exactly still after packing") {

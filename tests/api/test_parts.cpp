@@ -154,7 +154,7 @@ TEST_CASE("parts are cut and moved by their index alone") {
     CHECK(after->gaussians.time == before->gaussians.time);
     CHECK(after->gaussians.velocity == before->gaussians.velocity);
     CHECK(after->parts[0].begin_ticks == -10);
-    CHECK(after->parts[0].shown() == TickRange{0, 3.25});
+    CHECK(after->parts[0].shown_range() == TickRange{0, 3.25});
     const auto reader = SceneReader::open(memory_source(edited));
     const auto parts_at = [&](double t) {
       std::set<std::uint32_t> parts;

@@ -27,7 +27,7 @@ std::unique_ptr<Timeline> timeline_over(const Scene& scene,
                                         std::uint64_t budget = kDefaultMemoryBudget) {
   auto reader = SceneReader::open(memory_source(bytes_of(scene)));
   REQUIRE(reader.ok());
-  return Timeline::over(std::move(*reader), "the scene", budget);
+  return Timeline::from_reader(std::move(*reader), "the scene", budget);
 }
 
 math::PinholeCamera camera_of(float width, float height) {
@@ -45,7 +45,7 @@ math::PinholeCamera camera_of(float width, float height) {
 // Fingerprints of the candidates of all parts.
 std::multiset<std::string> alive(const Timeline::Active& active) {
   std::multiset<std::string> out;
-  for (const auto& part : active.parts) {
+  for (const auto& part : active.segments) {
     const auto prints = testing::fingerprints(part.set->gather(*part.candidates));
     out.insert(prints.begin(), prints.end());
   }
@@ -84,7 +84,7 @@ TEST_CASE("a timeline gives exactly what is alive at a moment") {
 // Pictures of a scene whose times count from `begin`, ticks of a second, at moments between frames.
 std::vector<std::vector<float>> pictures_from(std::uint32_t begin,
                                               std::unique_ptr<SceneReader> reader) {
-  auto timeline = Timeline::over(std::move(reader));
+  auto timeline = Timeline::from_reader(std::move(reader));
   auto renderer = make_renderer("cpu");
   REQUIRE(renderer.ok());
   std::vector<std::vector<float>> out;
@@ -168,8 +168,8 @@ TEST_CASE("the CPU renderer draws what the rasteriser draws of the whole set") {
     const auto ticks = static_cast<float>(scene.metadata.time_base.ticks(seconds));
     render(scene.gaussians, ticks, view.camera, settings, splats, whole);
     REQUIRE(frames.size() == 1);
-    REQUIRE(stats.drawn == splats.splats.size());
-    REQUIRE(stats.alive < scene.gaussians.size());
+    REQUIRE(stats.splats == splats.splats.size());
+    REQUIRE(stats.active < scene.gaussians.size());
     float largest = 0;
     for (std::size_t i = 0; i < whole.colour.data.size(); ++i) {
       largest = std::max(largest, std::abs(whole.colour.data[i] - frames[0].colour.data[i]));

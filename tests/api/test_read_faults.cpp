@@ -125,7 +125,7 @@ TEST_CASE("finalize makes no file of a source that fails") {
     INFO(name);
     const Bytes bytes = vector_named(name);
     const int needed = reads_needed([&](int reads) {
-      SceneLosses losses;
+      DamageReport losses;
       const Status status = finalize_scene(failing(bytes, reads), output, losses);
       CHECK(fs::exists(output) == status.ok());
       return status;
@@ -256,7 +256,7 @@ TEST_CASE("what a file cannot hold is not written") {
   scene.importance = {1, 2, -1, 4, 5};
   CHECK(refused(scene, {}));
   scene = good;
-  scene.metadata.sound_begin = INFINITY;
+  scene.metadata.audio_begin = INFINITY;
   CHECK(refused(scene, {}));
   scene = good;
   scene.parts = {{-1, 0x1p32, 5}};

@@ -42,7 +42,7 @@ std::multiset<std::string> prints_of(const Gaussians4D& set) {
 
 // Finalizes what lost nothing; what is being written behind it is left out.
 void finalize_whole(const std::string& path, const std::string& finished) {
-  SceneLosses losses;
+  DamageReport losses;
   const Status status = finalize_scene(std::move(*open_file(path)), finished, losses);
   INFO(status.message());
   REQUIRE(status.ok());
@@ -107,7 +107,7 @@ TEST_CASE("a recording can be read after each stretch, and finalize makes what a
   REQUIRE(direct.ok());
   CHECK(bytes_of(finished) == *direct);
   CHECK(opened(finished)->form() == SceneForm::kFinished);
-  SceneLosses losses;
+  DamageReport losses;
   CHECK(finalize_scene(std::move(*open_file(finished)), folder / "x.stgs", losses).code() ==
         StatusCode::kUsage);
   CHECK_FALSE(fs::exists(folder / "x.stgs"));
@@ -212,7 +212,7 @@ TEST_CASE("a recording goes on with its copy, and finalize writes another") {
     file.write(reinterpret_cast<const char*>(bytes.data()),
                static_cast<std::streamsize>(bytes.size()));
   }
-  SceneLosses losses;
+  DamageReport losses;
   REQUIRE(finalize_scene(std::move(*open_file(path)), finished, losses).ok());
   CHECK(losses.reason.ok());
   REQUIRE(losses.damage.size() == 1);

@@ -19,15 +19,15 @@ TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
   for (const SegmentInfo& segment : reader->segments()) {
     if (segment.part != 3) continue;
     ++segments;
-    lost_bytes += segment.bytes + segment.harmonics_bytes;
+    lost_bytes += segment.bytes + segment.sh_bytes;
     for (const auto& [at, size] : {std::pair(segment.offset, segment.bytes),
-                                   std::pair(segment.harmonics_offset, segment.harmonics_bytes)}) {
+                                   std::pair(segment.sh_offset, segment.sh_bytes)}) {
       if (size == 0) continue;
       std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at + kRecordHeaderBytes),
                   size - kRecordHeaderBytes, std::uint8_t{0});
     }
   }
-  SceneLosses losses;
+  DamageReport losses;
   REQUIRE(finalize_scene(memory_source(bytes, "torn.stgs"), out, losses).ok());
   CHECK(opened(out)->parts().size() == 3);
   CHECK(opened(out)->metadata().frames == 30);
@@ -35,10 +35,10 @@ TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
   CHECK(losses.segments == segments);
   CHECK(losses.primitives == 60);
   CHECK(losses.bytes == lost_bytes);
-  REQUIRE(losses.moments.size() == 1);
-  CHECK(losses.moments[0].begin >= 30);
-  CHECK(losses.moments[0].end <= 40);
-  const auto lines = losses_text(losses, recording_metadata().time_base);
+  REQUIRE(losses.ranges.size() == 1);
+  CHECK(losses.ranges[0].begin >= 30);
+  CHECK(losses.ranges[0].end <= 40);
+  const auto lines = describe_damage(losses, recording_metadata().time_base);
   REQUIRE(lines.size() == 1);
   CHECK(lines[0].find(fmt::format("with 60 primitives; {} bytes, of", lost_bytes)) !=
         std::string::npos);
@@ -55,13 +55,13 @@ TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage"
                      [&](const SegmentInfo& one) { return one.part == stretch_hit; });
     Bytes bytes = bytes_of(path);
     bytes[segment->offset + 100] ^= 0x20;
-    SceneLosses losses;
+    DamageReport losses;
     REQUIRE(finalize_scene(memory_source(bytes, "damaged.stgs"), out, losses).ok());
     CHECK(losses.segments == 1);
-    CHECK(losses.of_segments == recorded->segments().size());
+    CHECK(losses.total_segments == recorded->segments().size());
     CHECK(losses.primitives == segment->primitives);
-    CHECK(losses.bytes == segment->bytes + segment->harmonics_bytes);
-    CHECK(losses.moments == std::vector<TickRange>{{segment->begin_ticks, segment->end_ticks}});
+    CHECK(losses.bytes == segment->bytes + segment->sh_bytes);
+    CHECK(losses.ranges == std::vector<TickRange>{{segment->begin_ticks, segment->end_ticks}});
     CHECK(losses.reason.code() == StatusCode::kInvalidFile);
     const auto finished = opened(out);
     CHECK(finished->parts() == recorded->parts());
@@ -72,14 +72,14 @@ TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage"
       if (!hit) CHECK(fingerprints(*finished->decode(s)) == fingerprints(*recorded->decode(s)));
     }
     // Converting or packing it goes on with the rest, and strict reading does not.
-    SceneLosses again;
-    const auto sound = read_sound_scene(out, again);
+    DamageReport again;
+    const auto sound = recover_scene(out, again);
     REQUIRE(sound.ok());
     CHECK(sound->gaussians.size() == recorded->primitives() - segment->primitives);
     CHECK(sound->parts[stretch_hit].primitives == 60 - segment->primitives);
     CHECK(again.primitives == segment->primitives);
     CHECK(again.bytes == losses.bytes);
-    CHECK(again.moments == losses.moments);
+    CHECK(again.ranges == losses.ranges);
     CHECK(read_scene(out).status().code() == StatusCode::kInvalidFile);
   }
 }
@@ -91,11 +91,11 @@ TEST_CASE("finalize makes no file of a recording of which nothing can be read") 
   Bytes bytes = bytes_of(path);
   const auto reader = opened(path);
   for (const SegmentInfo& segment : reader->segments()) bytes[segment.offset + 60] ^= 1;
-  SceneLosses losses;
+  DamageReport losses;
   CHECK(finalize_scene(memory_source(bytes, "dead.stgs"), out, losses).code() ==
         StatusCode::kInvalidFile);
   CHECK_FALSE(fs::exists(out));
-  CHECK(read_sound_scene(memory_source(bytes, "dead.stgs"), losses).status().code() ==
+  CHECK(recover_scene(memory_source(bytes, "dead.stgs"), losses).status().code() ==
         StatusCode::kInvalidFile);
 }
 
@@ -103,20 +103,20 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
   const std::string path =
       std::string(STGS_TEST_DATA) + "/../conformance/vectors/fragment_damaged.stgs";
   const auto reader = opened(path);
-  REQUIRE(reader->lost_stretches().size() == 1);
-  const LostStretch& lost = reader->lost_stretches()[0];
-  CHECK(lost.moments == TickRange{90, 100});
+  REQUIRE(reader->lost_fragments().size() == 1);
+  const LostFragment& lost = reader->lost_fragments()[0];
+  CHECK(lost.range == TickRange{90, 100});
   CHECK(lost.bytes > 435);
   CHECK(reader->complete_ticks() == 90);
   const TemporaryFolder folder;
-  SceneLosses losses;
+  DamageReport losses;
   REQUIRE(finalize_scene(std::move(*open_file(path)), folder / "out.stgs", losses).ok());
-  CHECK(losses.lost_stretches == reader->lost_stretches());
+  CHECK(losses.lost_fragments == reader->lost_fragments());
   REQUIRE(losses.damage.size() >= 1);
   CHECK(losses.damage[0].number == 313);
-  SceneLosses read;
-  REQUIRE(read_sound_scene(path, read).ok());
-  const auto lines = losses_text(read, reader->metadata().time_base);
+  DamageReport read;
+  REQUIRE(recover_scene(path, read).ok());
+  const auto lines = describe_damage(read, reader->metadata().time_base);
   REQUIRE(lines.size() == 2);
   CHECK(lines[0].find("issue 313") != std::string::npos);
   CHECK(lines[1].find("first seen at 3.000 to 3.333 s is lost") != std::string::npos);

@@ -44,8 +44,8 @@ TEST_CASE("a file says what it is") {
   scene.metadata.metres_per_unit = 0.25f;
   scene.metadata.up[1] = -1;
   scene.metadata.floor[1] = 1.5f;
-  scene.metadata.sound = "music.opus";
-  scene.metadata.sound_begin = -2.5;
+  scene.metadata.audio = "music.opus";
+  scene.metadata.audio_begin = -2.5;
   scene.metadata.colour = 200;
   scene.metadata.background[1] = 0.5f;
   scene.metadata.title = "Tanz, Saal 3 \xE2\x80\x94 Probe";
@@ -66,8 +66,8 @@ TEST_CASE("a file says what it is") {
   CHECK(metadata.metres_per_unit == 0.25f);
   CHECK(metadata.up[1] == -1.0f);
   CHECK(metadata.floor[1] == 1.5f);
-  CHECK(metadata.sound == "music.opus");
-  CHECK(metadata.sound_begin == -2.5);
+  CHECK(metadata.audio == "music.opus");
+  CHECK(metadata.audio_begin == -2.5);
   CHECK(metadata.colour == 200);
   CHECK(metadata.background[1] == 0.5f);
   CHECK(metadata.near_plane == 0.1f);

@@ -34,7 +34,7 @@ TEST_CASE("a scene tells what its file says", "[sdk]") {
   const char* text = nullptr;
   REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_TITLE, &text) == STGS_OK);
   CHECK(std::string(text) == "random scene");
-  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_SOUND, &text) == STGS_OK);
+  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_AUDIO, &text) == STGS_OK);
   CHECK(std::string(text).empty());
   const stgs_view view = start_view(scene.get());
   CHECK(view.width == kSdkWidth);
@@ -88,7 +88,7 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
 
   auto read = read_scene(memory_source(file));
   REQUIRE(read.ok());
-  stgs_picture pictures[2] = {empty_picture(), empty_picture()};
+  stgs_image pictures[2] = {empty_picture(), empty_picture()};
   constexpr std::size_t kStride = 300, kGuard = 0xA5;
   std::vector<std::uint8_t> rgba(kStride * kSdkHeight, kGuard);
   // Up to the end of the last row, and no further.
@@ -168,7 +168,7 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
   for (const auto member : {&stgs_view::fovea_x, &stgs_view::fovea_y, &stgs_view::fovea_radius}) {
     stgs_view wrong = with_fovea;
     wrong.*member = NAN;
-    stgs_picture picture = empty_picture();
+    stgs_image picture = empty_picture();
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     CHECK(stgs_render(renderer.get(), scene.get(), 0, &wrong, &picture, 1) == STGS_ERROR_ARGUMENT);
@@ -196,7 +196,7 @@ TEST_CASE("two threads draw two scenes at once", "[sdk]") {
     const RendererPtr own_renderer = cpu_renderer();
     for (int i = 0; i < 8; ++i) {
       std::vector<std::uint8_t> pixels(expected[0].size());
-      stgs_picture picture{};
+      stgs_image picture{};
       picture.struct_size = sizeof picture;
       picture.rgba8 = {pixels.data(), 0, pixels.size()};
       if (stgs_render(own_renderer.get(), own.get(), 0.25 * (i % 4), &view, &picture, 1) !=
@@ -219,7 +219,7 @@ TEST_CASE("a renderer without a CUDA device does not draw into its memory", "[sd
   const RendererPtr renderer = cpu_renderer();
   const stgs_view view = start_view(scene.get());
   std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.rgba8 = {pixels.data(), 0, pixels.size()};
   CHECK(stgs_cuda_render(renderer.get(), scene.get(), 0, &view, &picture, 1, nullptr) ==
         STGS_ERROR_UNSUPPORTED);

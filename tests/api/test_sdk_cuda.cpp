@@ -90,8 +90,8 @@ TEST_CASE("two views go to device memory, bytes and planes, whatever their strid
   const Memory bytes(kStride * kSdkHeight);
   std::vector<std::unique_ptr<Memory>> planes;
   std::vector<std::vector<float>> expected(5, std::vector<float>(kPixels));
-  stgs_picture pictures[2] = {empty_picture(), empty_picture()};
-  stgs_picture wanted = empty_picture();
+  stgs_image pictures[2] = {empty_picture(), empty_picture()};
+  stgs_image wanted = empty_picture();
   pictures[0].rgba8 = {bytes.data, kStride, bytes.bytes};
   stgs_buffer* to[] = {&pictures[1].rgb[0], &pictures[1].rgb[1], &pictures[1].rgb[2],
                        &pictures[1].alpha, &pictures[1].depth};
@@ -137,7 +137,7 @@ TEST_CASE("a picture is written in the stream's order", "[sdk]") {
   const RendererPtr renderer = cuda_renderer();
   const stgs_view view = start_view(scene.get());
   const Memory bytes(std::size_t{4} * view.width * view.height);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.rgba8 = {bytes.data, 0, bytes.bytes};
   const Stream stream;
   Gate gate(stream.handle);
@@ -164,7 +164,7 @@ TEST_CASE("a picture that cannot be written is told of", "[sdk]") {
   const RendererPtr renderer = cuda_renderer();
   const stgs_view view = start_view(scene.get());
   const Memory bytes(std::size_t{4} * view.width * view.height + 8);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   const auto render = [&] {
     return stgs_cuda_render(renderer.get(), scene.get(), kMoment, &view, &picture, 1, nullptr);
   };

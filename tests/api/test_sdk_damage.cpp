@@ -63,7 +63,7 @@ TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]")
   const RendererPtr renderer = cpu_renderer();
   const stgs_view good = start_view(scene.get());
   std::vector<std::uint8_t> pixels(4 * kSdkWidth * kSdkHeight, 7);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.rgba8 = {pixels.data(), 0, pixels.size()};
   const float nan = std::numeric_limits<float>::quiet_NaN();
   double seconds = 0;
@@ -169,7 +169,7 @@ TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
   CHECK(issue.number == 106);
   CHECK(stgs_scene_get_issue(scene.get(), 1000, &issue) == STGS_ERROR_ARGUMENT);
 
-  settings.refuse_damage = 1;
+  settings.reject_damage = 1;
   const ScenePtr strict = make_scene(&settings);
   CHECK(stgs_scene_open_memory(strict.get(), file.data(), file.size()) == STGS_ERROR_INVALID_FILE);
   CHECK(error_of(strict.get()).issue == 106);
@@ -204,7 +204,7 @@ TEST_CASE("limits hold, and say which", "[sdk]") {
       REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
       REQUIRE(stgs_view_resize(&view, 64, 36) == STGS_OK);
       std::vector<std::uint8_t> pixels(4 * 64 * 36);
-      stgs_picture picture = empty_picture();
+      stgs_image picture = empty_picture();
       picture.rgba8 = {pixels.data(), 0, pixels.size()};
       result = stgs_render(renderer.get(), scene.get(), 0.5, &view, &picture, 1);
       CHECK(has(error_of(renderer.get()).message, "limit"));

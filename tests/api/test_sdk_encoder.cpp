@@ -57,7 +57,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   CHECK(trained.bytes == fs::file_size(scene));
   CHECK(trained.loss > 0);
   CHECK(trained.held_out_psnr > 5);
-  CHECK(trained.held_out_pictures == 4);
+  CHECK(trained.held_out_images == 4);
   CHECK(encoder.last_training.iteration == 20);
   CHECK(encoder.last_training.iterations == 20);
   CHECK(encoder.last_training.primitives == trained.primitives);
@@ -74,7 +74,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   CHECK(packed.bytes_out == fs::file_size(work / "scene.stgs"));
   CHECK(packed.bytes_out < packed.bytes_in);
   CHECK(packed.quality == settings.quality);
-  CHECK(packed.pictures_psnr > 25);
+  CHECK(packed.images_psnr > 25);
   CHECK(packed.held_out_before == Approx(trained.held_out_psnr).margin(1));
   CHECK(packed.held_out_after == Approx(packed.held_out_before).margin(1));
   CHECK(encoder.monotone);
@@ -221,7 +221,7 @@ TEST_CASE("packing that is stopped leaves what was there", "[sdk]") {
   CHECK(std::string(encoder.error().message).find("up") != std::string::npos);
   settings.up[1] = -2;
   settings.metres_per_unit = 0.5;
-  settings.sound = "sound.ogg";
+  settings.audio = "audio.ogg";
   REQUIRE(pack_one(encoder, scene, output, &settings) == STGS_OK);
   const ScenePtr opened = make_scene();
   REQUIRE(stgs_scene_open(opened.get(), output.c_str()) == STGS_OK);

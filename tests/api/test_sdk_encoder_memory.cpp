@@ -33,7 +33,7 @@ stgs_record_settings settings_of_one_thread() {
 }
 
 // What a recording of two stretches is.
-Bytes recorded(const std::string& path, const stgs_stretch& stretch) {
+Bytes recorded(const std::string& path, const stgs_fragment& stretch) {
   const stgs_record_settings settings = settings_of_one_thread();
   const RecorderPtr recorder = make_recorder();
   REQUIRE(stgs_recorder_begin(recorder.get(), path.c_str(), &settings) == STGS_OK);
@@ -49,7 +49,7 @@ TEST_CASE("a scene is recorded with memory that ends at any moment", "[sdk]") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   const Primitives cloud(40);
-  const stgs_stretch stretch = cloud.stretch(kFrames);
+  const stgs_fragment stretch = cloud.stretch(kFrames);
   const Bytes whole = recorded(folder / "whole.stgs", stretch);
   const stgs_record_settings settings = settings_of_one_thread();
   int failures = 0;

@@ -51,8 +51,8 @@ TEST_CASE("settings of training that are none are named, with what is possible",
       {"max_seconds is -1", "0 (no limit)", [](Settings& s) { s.max_seconds = -1; }},
       {"first_frame is 3", "greater", [](Settings& s) { s.first_frame = s.end_frame = 3; }},
       {"checkpoint_interval is 0", "1 to", [](Settings& s) { s.checkpoint_interval = 0; }},
-      {"held_out_measures is 2000000", "to 1000000",
-       [](Settings& s) { s.held_out_measures = 2000000; }},
+      {"held_out_evaluations is 2000000", "to 1000000",
+       [](Settings& s) { s.held_out_evaluations = 2000000; }},
       {"parameters is NULL", "as many", [](Settings& s) { s.parameter_count = 1; }},
       {"parameters[0]", "NULL", [&](Settings& s) { s.parameters = &null, s.parameter_count = 1; }},
       {"no_such_rate", "known: iterations",
@@ -115,7 +115,7 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
       {"chunk_seconds is 4000", [](Packing& s) { s.chunk_seconds = 4000; }},
       {"metres_per_unit is -1", [](Packing& s) { s.metres_per_unit = -1; }},
       {"up is nan", [](Packing& s) { s.up[1] = std::nanf(""); }},
-      {"sound_begin is", [](Packing& s) { s.sound_begin = 1e9; }},
+      {"audio_begin is", [](Packing& s) { s.audio_begin = 1e9; }},
   };
   for (const auto& [expected, change] : of_pack) {
     const std::string told = refusal<Packing>(encoder, packing(), change, pack);

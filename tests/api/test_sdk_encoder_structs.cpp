@@ -103,7 +103,7 @@ TEST_CASE("structs of the encoder are of any version of its header", "[sdk]") {
                               "stgs_prepare_settings", "stgs_prepare_report", "stgs_train_settings",
                               "stgs_train_report", "stgs_pack_settings", "stgs_pack_report",
                               // Those of recorders are in test_sdk_recorder.cpp.
-                              "stgs_record_settings", "stgs_stretch", "stgs_recorder_status"});
+                              "stgs_record_settings", "stgs_fragment", "stgs_recorder_status"});
 }
 
 }  // namespace stgs::testing

@@ -216,7 +216,7 @@ TEST_CASE("whichever request finds no memory, a scene says so and can be drawn a
     settings.allocator = &memory.allocator;
     ScenePtr scene = make_scene(&settings);
     std::vector<std::uint8_t> pixels(expected.size());
-    stgs_picture picture = empty_picture();
+    stgs_image picture = empty_picture();
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     const auto& file = clip_file();
     stgs_result result = stgs_scene_open_memory_copy(scene.get(), file.data(), file.size());
@@ -254,10 +254,10 @@ TEST_CASE("whichever request finds no memory, a player says so and makes up for 
       REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
       ++opened;
       REQUIRE(update_until(player.get(), 0, [](const stgs_player_status& status) {
-        return status.layers == status.layers_of_file;
+        return status.layers == status.layer_count;
       }));
       for (const KeptEvent& one : take_events(player.get())) {
-        if (one.event.kind != STGS_EVENT_LOST) continue;
+        if (one.event.kind != STGS_EVENT_READ_FAILED) continue;
         CHECK(one.event.result == STGS_ERROR_OUT_OF_MEMORY);
         ++lost;
       }

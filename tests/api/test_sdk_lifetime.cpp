@@ -57,7 +57,7 @@ TEST_CASE("ten thousand scenes and players come and go, and leave nothing", "[sd
   const RendererPtr renderer = cpu_renderer();
   const stgs_view view = start_view(open_scene(file).get());
   stgs_player_settings settings = player_settings();
-  settings.fetches = 1;
+  settings.max_reads_in_flight = 1;
   std::uint64_t heap = 0, resident = 0;
   for (int k = 0; k < 10000; ++k) {
     if (k == 1000) {  // what is made once has been made
@@ -89,7 +89,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   Faults faults(file);
   stgs_player_settings settings = player_settings();
   settings.retry_seconds = 1e-3;
-  settings.ahead_seconds = 0.5;
+  settings.prefetch_seconds = 0.5;
   settings.memory_budget = 5 << 18;  // a moment with all its layers, but not the whole clip
   const PlayerPtr player = make_player(&settings);
   const stgs_async_io io = file.io();
@@ -126,7 +126,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
     fetched = statistics.fetched_bytes;
     for (const KeptEvent& one : take_events(player.get())) {
       rounds += one.event.kind == STGS_EVENT_LOOPED ? 1 : 0;
-      lost += one.event.kind == STGS_EVENT_LOST ? 1 : 0;
+      lost += one.event.kind == STGS_EVENT_READ_FAILED ? 1 : 0;
     }
     if (random() % 2000 == 0) {
       REQUIRE(stgs_player_seek(player.get(), 0.01 * static_cast<double>(random() % 1000)) ==
@@ -149,7 +149,7 @@ TEST_CASE("an hour of play from a source that fails and stalls", "[sdk]") {
   REQUIRE(stgs_player_seek_frame(player.get(), 31) == STGS_OK);
   REQUIRE(update_until(player.get(), now, [&](const stgs_player_status& status) {
     file.answer(0);
-    return status.layers == status.layers_of_file;
+    return status.layers == status.layer_count;
   }));
   CHECK(draw_moment(renderer.get(), player.get(), view) ==
         draw_rgba8(renderer.get(), open_scene(clip).get(), 31 * kFrame, view));

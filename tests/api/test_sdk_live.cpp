@@ -100,7 +100,7 @@ stgs_player_live live_of(stgs_player* player) {
 TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
   GrowingFile file(recording().ends[5]);
   stgs_player_settings settings = player_settings();
-  settings.live_behind_seconds = 0.5;
+  settings.live_latency_seconds = 0.5;
   settings.live_poll_seconds = 0.002;
   settings.live_stall_seconds = 0.1;
   const PlayerPtr owned = make_player(&settings);
@@ -126,8 +126,8 @@ TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
   CHECK(live.growing == 1);
   CHECK(live.following == 1);
   CHECK(live.edge_seconds == Approx(5 * kStretch));
-  CHECK(live.behind_seconds == Approx(0.5).margin(kFrame));
-  CHECK(live.wanted_seconds == Approx(0.5));
+  CHECK(live.latency_seconds == Approx(0.5).margin(kFrame));
+  CHECK(live.target_latency_seconds == Approx(0.5));
   file.grow(recording().ends[8]);
   REQUIRE(update_until(player, 10, [&](const stgs_player_status&) {
     return live_of(player).edge_seconds > 7.9 * kStretch;
@@ -139,7 +139,7 @@ TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
   REQUIRE(stgs_player_go_live(player) == STGS_OK);
   update(player, 10);
   CHECK(live_of(player).following == 1);
-  CHECK(live_of(player).behind_seconds == Approx(0.5).margin(kFrame));
+  CHECK(live_of(player).latency_seconds == Approx(0.5).margin(kFrame));
   std::vector<KeptEvent> events;
   const auto told = [&](stgs_event_kind kind) {
     return wait_until([&] {

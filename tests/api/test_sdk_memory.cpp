@@ -46,7 +46,7 @@ struct Use {
   stgs_renderer* renderer;
   const stgs_view view;
   std::vector<std::uint8_t> pixels = std::vector<std::uint8_t>(4 * kSdkWidth * kSdkHeight);
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   bool told = true;  // every call has ended as it may
   bool settled = false;
   bool opened = false, finished = false;  // what events said
@@ -55,7 +55,7 @@ struct Use {
     stgs_player_status status{};
     status.struct_size = sizeof status;
     told &= is_told(stgs_player_update(player, now, &status));
-    settled = status.settled != 0 && status.layers == status.layers_of_file;
+    settled = status.is_complete != 0 && status.layers == status.layer_count;
     stgs_player_event event{};
     event.struct_size = sizeof event;
     while (stgs_player_next_event(player, &event) == STGS_OK && event.kind != STGS_EVENT_NONE) {
@@ -68,17 +68,17 @@ struct Use {
   }
 };
 
-// What was lost for want of memory is asked for again, and not waited for by `settled`.
+// What was lost for want of memory is asked for again, and not waited for by `is_complete`.
 bool settle_whole(stgs_player* player) {
   return update_until(player, 0, [](const stgs_player_status& s) {
-    return s.settled != 0 && s.layers == s.layers_of_file;
+    return s.is_complete != 0 && s.layers == s.layer_count;
   });
 }
 
 stgs_player_settings quick() {
   stgs_player_settings settings = player_settings();
   settings.retry_seconds = 0.001;
-  settings.live_behind_seconds = 0;
+  settings.live_latency_seconds = 0;
   return settings;
 }
 
@@ -93,7 +93,7 @@ TEST_CASE("a scene is opened and drawn with memory that ends at any moment", "[s
     const ScenePtr scene = make_scene();
     const RendererPtr renderer = cpu_renderer();
     std::vector<std::uint8_t> pixels(expected.size());
-    stgs_picture picture = empty_picture();
+    stgs_image picture = empty_picture();
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     stgs_result opened = STGS_OK, drawn = STGS_OK;
     failed = has_failed_within(n, 1, [&] {

@@ -177,7 +177,7 @@ TEST_CASE("a player tells what has come", "[sdk]") {
   REQUIRE(settle(player.get(), 0));
   const stgs_player_status status = update(player.get(), 0);
   CHECK(status.ready == 1);
-  CHECK(status.layers == status.layers_of_file);
+  CHECK(status.layers == status.layer_count);
   stgs_player_statistics statistics{};
   statistics.struct_size = sizeof statistics;
   REQUIRE(stgs_player_get_statistics(player.get(), &statistics) == STGS_OK);
@@ -248,7 +248,7 @@ TEST_CASE("a file that cannot be opened is told, and another may be tried", "[sd
 
 TEST_CASE("what an opening that fails has tried is told before that it failed", "[sdk]") {
   stgs_player_settings settings = player_settings();
-  settings.url_tries = 3;
+  settings.url_max_attempts = 3;
   const PlayerPtr player = make_player(&settings);
   REQUIRE(stgs_player_open(player.get(), "http://127.0.0.1:1/nobody.stgs") == STGS_OK);
   std::vector<int> kinds;
@@ -276,7 +276,7 @@ TEST_CASE("a player's limits hold before anything is fetched", "[sdk]") {
   CHECK(has(error_of(player.get()).message, "limit"));
   stgs_player* none = nullptr;
   settings = player_settings();
-  settings.fetches = 0;
+  settings.max_reads_in_flight = 0;
   CHECK(stgs_player_create(&settings, &none) == STGS_ERROR_ARGUMENT);
   settings = player_settings();
   settings.struct_size -= 4;
@@ -354,15 +354,15 @@ TEST_CASE("settings that are refused are named in the log", "[sdk]") {
   REQUIRE(stgs_player_settings_defaults(&settings, sizeof settings) == STGS_OK);
   settings.log = keep;
   settings.log_user = &said;
-  settings.url_tries = 5000;
+  settings.url_max_attempts = 5000;
   stgs_player* player = nullptr;
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: url_tries is 5000; it can be 1 to 1000");
-  settings.url_tries = 5;
-  settings.ahead_seconds = -1;
+  CHECK(said == "settings: url_max_attempts is 5000; it can be 1 to 1000");
+  settings.url_max_attempts = 5;
+  settings.prefetch_seconds = -1;
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: ahead_seconds is -1; it can be 0 or more");
-  settings.ahead_seconds = 1;
+  CHECK(said == "settings: prefetch_seconds is -1; it can be 0 or more");
+  settings.prefetch_seconds = 1;
   stgs_task_runner runner{};
   runner.struct_size = sizeof runner;
   settings.task_runner = &runner;
@@ -401,7 +401,7 @@ TEST_CASE("what is damaged or cannot be read while it plays is told with its byt
   std::vector<KeptEvent> lost;
   REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status&) {
     for (KeptEvent& one : take_events(player.get())) {
-      if (one.event.kind == STGS_EVENT_LOST) lost.push_back(std::move(one));
+      if (one.event.kind == STGS_EVENT_READ_FAILED) lost.push_back(std::move(one));
     }
     return !lost.empty();
   }));
@@ -431,7 +431,7 @@ TEST_CASE("a player ends at any moment while its source stalls", "[sdk]") {
                      : stgs_player_open_io(player.get(), &io)) == STGS_OK);
       REQUIRE(stgs_player_play(player.get()) == STGS_OK);
       REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status& status) {
-        return file.reads > from || status.settled != 0;
+        return file.reads > from || status.is_complete != 0;
       }));
       player.reset();
       CHECK(file.interrupted == 1);
@@ -455,7 +455,7 @@ TEST_CASE("one thread updates a player while another draws it, beside a second p
   std::thread drawing([&] {
     const RendererPtr renderer = cpu_renderer();
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-    stgs_picture picture{};
+    stgs_image picture{};
     picture.struct_size = sizeof picture;
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     while (!done) {

@@ -60,7 +60,7 @@ TEST_CASE("the primitives of a moment are those that are seen then", "[sdk]") {
   auto read = read_scene(memory_source(file));
   REQUIRE(read.ok());
   const Gaussians4D& all = read->gaussians;
-  auto expected = at_moment(*read, 30 * kMoment);
+  auto expected = snapshot_at(*read, 30 * kMoment);
   REQUIRE(expected.ok());
   const std::uint64_t count = count_of(scene.get(), kMoment);
   REQUIRE(count == expected->size());

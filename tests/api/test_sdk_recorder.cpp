@@ -94,7 +94,7 @@ TEST_CASE("what is recorded is what the application had", "[sdk]") {
   const std::string path = folder / "live.stgs";
   const RecorderPtr recorder = begin(path);
   const Primitives first(3), second(2, 10);
-  const stgs_stretch a = first.stretch(15), b = second.stretch(15);
+  const stgs_fragment a = first.stretch(15), b = second.stretch(15);
   REQUIRE(stgs_recorder_append(recorder.get(), &a) == STGS_OK);
   CHECK(info_of(opened(path)).complete_seconds == Approx(0.5));
   REQUIRE(stgs_recorder_append(recorder.get(), &b) == STGS_OK);
@@ -151,13 +151,13 @@ TEST_CASE("what a stretch leaves out is that of splats that stay as they are", "
   const std::string path = folder / "live.stgs";
   const RecorderPtr recorder = begin(path);
   const Primitives made(4);
-  stgs_stretch room = made.plain(6);
-  room.stay_frames = 40;
+  stgs_fragment room = made.plain(6);
+  room.visible_frames = 40;
   REQUIRE(stgs_recorder_append(recorder.get(), &room) == STGS_OK);
-  const stgs_stretch short_one = made.plain(12);
+  const stgs_fragment short_one = made.plain(12);
   REQUIRE(stgs_recorder_append(recorder.get(), &short_one) == STGS_OK);
-  stgs_stretch nothing;
-  REQUIRE(stgs_stretch_defaults(&nothing, sizeof nothing) == STGS_OK);
+  stgs_fragment nothing;
+  REQUIRE(stgs_fragment_defaults(&nothing, sizeof nothing) == STGS_OK);
   for (int i = 0; i < 30; ++i) {
     REQUIRE(stgs_recorder_append(recorder.get(), &nothing) == STGS_OK);
   }
@@ -190,13 +190,13 @@ TEST_CASE("a recording says what its scene is", "[sdk]") {
   settings.up[1] = -4;
   settings.floor[1] = 1.5f;
   settings.start_view = &view;
-  settings.sound = "sound.ogg";
+  settings.audio = "audio.ogg";
   settings.threads = 2;
   const std::string path = folder / "live.stgs";
   const RecorderPtr recorder = make_recorder();
   REQUIRE(stgs_recorder_begin(recorder.get(), path.c_str(), &settings) == STGS_OK);
-  stgs_stretch nothing;
-  REQUIRE(stgs_stretch_defaults(&nothing, sizeof nothing) == STGS_OK);
+  stgs_fragment nothing;
+  REQUIRE(stgs_fragment_defaults(&nothing, sizeof nothing) == STGS_OK);
   REQUIRE(stgs_recorder_append(recorder.get(), &nothing) == STGS_OK);
 
   const ScenePtr scene = opened(path);
@@ -212,8 +212,8 @@ TEST_CASE("a recording says what its scene is", "[sdk]") {
   const char* text = nullptr;
   REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_TITLE, &text) == STGS_OK);
   CHECK(std::string(text) == "a title");
-  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_SOUND, &text) == STGS_OK);
-  CHECK(std::string(text) == "sound.ogg");
+  REQUIRE(stgs_scene_get_text(scene.get(), STGS_TEXT_AUDIO, &text) == STGS_OK);
+  CHECK(std::string(text) == "audio.ogg");
 }
 
 TEST_CASE("a recording that was left is whole up to its last stretch, and can be gone on with",
@@ -221,7 +221,7 @@ TEST_CASE("a recording that was left is whole up to its last stretch, and can be
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   const Primitives made(3);
-  const stgs_stretch stretch = made.plain(15);
+  const stgs_fragment stretch = made.plain(15);
   RecorderPtr recorder = begin(path);
   REQUIRE(stgs_recorder_append(recorder.get(), &stretch) == STGS_OK);
   const RecorderPtr other = make_recorder();
@@ -248,13 +248,13 @@ TEST_CASE("stretches that are none are named, and change nothing", "[sdk]") {
   const std::string path = folder / "live.stgs";
   const RecorderPtr recorder = begin(path);
   const Primitives made(3);
-  const stgs_stretch good = made.stretch(15);
+  const stgs_fragment good = made.stretch(15);
   REQUIRE(stgs_recorder_append(recorder.get(), &good) == STGS_OK);
   const Bytes before = bytes_of(path);
-  const auto refused = [&](const std::function<void(stgs_stretch&, Primitives&)>& change,
+  const auto refused = [&](const std::function<void(stgs_fragment&, Primitives&)>& change,
                            const char* words, stgs_result result = STGS_ERROR_ARGUMENT) {
     Primitives wrong(3);
-    stgs_stretch stretch = wrong.stretch(15);
+    stgs_fragment stretch = wrong.stretch(15);
     change(stretch, wrong);
     INFO(words);
     CHECK(stgs_recorder_append(recorder.get(), &stretch) == result);
@@ -264,7 +264,7 @@ TEST_CASE("stretches that are none are named, and change nothing", "[sdk]") {
   };
   refused([](auto& s, auto&) { s.frames = 0; }, "frames are 0");
   refused([](auto& s, auto&) { s.frames = UINT32_MAX; }, "more than a file can have");
-  refused([](auto& s, auto&) { s.stay_frames = UINT32_MAX - 3; }, "more than a file can have");
+  refused([](auto& s, auto&) { s.visible_frames = UINT32_MAX - 3; }, "more than a file can have");
   refused([](auto& s, auto&) { s.count = 1ull << 40; }, "1099511627776 primitives");
   refused([](auto& s, auto&) { s.position = nullptr; }, "position is NULL");
   refused([](auto& s, auto&) { s.sh = nullptr; }, "sh is NULL");
@@ -318,11 +318,11 @@ TEST_CASE("settings of a recording that are none are named, and another try may 
   refused([](auto& s) { s.metres_per_unit = -1; }, "metres_per_unit is -1");
   refused([](auto& s) { s.up[2] = NAN; }, "up is nan");
   refused([](auto& s) { s.floor[2] = 1e30f; }, "floor is 1.0");
-  refused([](auto& s) { s.sound_begin = 1e9; }, "sound_begin is 1000000000");
+  refused([](auto& s) { s.audio_begin = 1e9; }, "audio_begin is 1000000000");
   refused([](auto& s) { s.title = "\xff"; }, "UTF-8");
   const std::string long_text(4097, 'a');
   refused([&](auto& s) { s.title = long_text.c_str(); }, "title has 4097 bytes");
-  refused([&](auto& s) { s.sound = long_text.c_str(); }, "sound has 4097 bytes");
+  refused([&](auto& s) { s.audio = long_text.c_str(); }, "audio has 4097 bytes");
   refused([&](auto& s) { s.start_view = &view; }, "start camera");
   view.fx = 1;
   view.near_plane = 0;
@@ -332,8 +332,8 @@ TEST_CASE("settings of a recording that are none are named, and another try may 
         STGS_ERROR_IO);
   CHECK(stgs_recorder_resume(recorder.get(), path.c_str(), nullptr) == STGS_ERROR_IO);
 
-  stgs_stretch nothing;
-  REQUIRE(stgs_stretch_defaults(&nothing, sizeof nothing) == STGS_OK);
+  stgs_fragment nothing;
+  REQUIRE(stgs_fragment_defaults(&nothing, sizeof nothing) == STGS_OK);
   auto status = empty_report<stgs_recorder_status>();
   CHECK(stgs_recorder_append(recorder.get(), &nothing) == STGS_ERROR_STATE);
   CHECK(stgs_recorder_close(recorder.get()) == STGS_ERROR_STATE);
@@ -355,7 +355,7 @@ TEST_CASE("a full disk ends a recording at the stretch before", "[sdk]") {
   const std::string path = folder / "live.stgs";
   const RecorderPtr recorder = begin(path);
   const Primitives made(3), many(3000);
-  const stgs_stretch good = made.plain(15), large = many.plain(15);
+  const stgs_fragment good = made.plain(15), large = many.plain(15);
   REQUIRE(stgs_recorder_append(recorder.get(), &good) == STGS_OK);
   const Bytes before = bytes_of(path);
   const stgs_result result =
@@ -397,12 +397,12 @@ TEST_CASE("what has no lifespan is seen throughout the longest stretches", "[sdk
   stgs_record_settings settings = record_settings();
   settings.time_base_denominator = 1'000'000;
   REQUIRE(stgs_recorder_begin(recorder.get(), path.c_str(), &settings) == STGS_OK);
-  stgs_stretch stretch = made.plain(stays ? 1 : frames);
-  stretch.stay_frames = stays ? frames : 0;
+  stgs_fragment stretch = made.plain(stays ? 1 : frames);
+  stretch.visible_frames = stays ? frames : 0;
   REQUIRE(stgs_recorder_append(recorder.get(), &stretch) == STGS_OK);
   if (stays && frames > 1) {
-    stgs_stretch rest;
-    REQUIRE(stgs_stretch_defaults(&rest, sizeof rest) == STGS_OK);
+    stgs_fragment rest;
+    REQUIRE(stgs_fragment_defaults(&rest, sizeof rest) == STGS_OK);
     rest.frames = frames - 1;
     REQUIRE(stgs_recorder_append(recorder.get(), &rest) == STGS_OK);
   }
@@ -419,7 +419,7 @@ TEST_CASE("a recorder counts what is never seen, as of times of another clock", 
   const RecorderPtr recorder = begin(folder / "live.stgs");
   Primitives made(3);
   made.time = {0.2f, 3600.2f, 3600.2f};
-  const stgs_stretch stretch = made.stretch(15);
+  const stgs_fragment stretch = made.stretch(15);
   REQUIRE(stgs_recorder_append(recorder.get(), &stretch) == STGS_OK);
   CHECK(status_of(recorder).primitives == 1);
   CHECK(status_of(recorder).dropped == 2);
@@ -435,9 +435,9 @@ TEST_CASE("structs of a recorder are of any version of its header", "[sdk]") {
   check_taken("stgs_record_settings", record_settings(), 16, record);
   fs::remove(path);
   const RecorderPtr recorder = begin(path);
-  stgs_stretch nothing;
-  REQUIRE(stgs_stretch_defaults(&nothing, sizeof nothing) == STGS_OK);
-  check_taken("stgs_stretch", nothing, 16, [&](const stgs_stretch* stretch) {
+  stgs_fragment nothing;
+  REQUIRE(stgs_fragment_defaults(&nothing, sizeof nothing) == STGS_OK);
+  check_taken("stgs_fragment", nothing, 16, [&](const stgs_fragment* stretch) {
     return stgs_recorder_append(recorder.get(), stretch);
   });
   check_given<stgs_recorder_status>("stgs_recorder_status", [&](stgs_recorder_status* status) {
@@ -452,7 +452,7 @@ TEST_CASE("a recorder of C++ throws what the C interface says", "[sdk]") {
   const Primitives made(3);
   recorder.append(made.plain(15));
   CHECK(recorder.status().frames == 15);
-  stgs_stretch wrong = empty_stretch();
+  stgs_fragment wrong = empty_fragment();
   wrong.frames = 0;
   CHECK_THROWS_AS(recorder.append(wrong), Error);
   recorder.close();

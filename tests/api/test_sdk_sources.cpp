@@ -47,14 +47,14 @@ TEST_CASE("a pipe is refused by its name, without waiting for a writer", "[sdk]"
 TEST_CASE("a read that is not answered holds up no seek to elsewhere", "[sdk]") {
   LateFile file(clip_file());
   stgs_player_settings settings = player_settings();
-  settings.fetches = 1;
-  settings.ahead_seconds = settings.resume_seconds = 0.1;
+  settings.max_reads_in_flight = 1;
+  settings.prefetch_seconds = settings.resume_seconds = 0.1;
   const PlayerPtr player = make_player(&settings);
   const stgs_async_io io = file.io();
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status& status) {
     file.answer(0);
-    return status.state != STGS_PLAYER_OPENING && status.settled != 0;
+    return status.state != STGS_PLAYER_OPENING && status.is_complete != 0;
   }));
   REQUIRE(stgs_player_seek(player.get(), 0.9) == STGS_OK);
   REQUIRE(wait_until([&] { return file.waiting() == 1; }));

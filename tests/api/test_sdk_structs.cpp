@@ -18,12 +18,12 @@ struct Objects {
   stgs_view view = start_view(scene.get());
   std::vector<std::uint8_t> pixels = std::vector<std::uint8_t>(4 * kSdkWidth * kSdkHeight);
 
-  stgs_picture picture() {
-    stgs_picture out = empty_picture();
+  stgs_image picture() {
+    stgs_image out = empty_picture();
     out.rgba8 = {pixels.data(), 0, pixels.size()};
     return out;
   }
-  stgs_result draw(const stgs_view* of, const stgs_picture* into) {
+  stgs_result draw(const stgs_view* of, const stgs_image* into) {
     return stgs_render(renderer.get(), scene.get(), 0.4, of, into, 1);
   }
 };
@@ -110,11 +110,11 @@ TEST_CASE("structs of older and newer programs are taken, and written as far as 
   REQUIRE(stgs_renderer_settings_defaults(&renderer_settings, sizeof renderer_settings) == STGS_OK);
   taken("stgs_renderer_settings", renderer_settings, 16, create_renderer);
   taken("stgs_view", on.view, offsetof(stgs_view, near_plane) - 4, [&](const stgs_view* view) {
-    const stgs_picture picture = on.picture();
+    const stgs_image picture = on.picture();
     return on.draw(view, &picture);
   });
-  taken("stgs_picture", on.picture(), offsetof(stgs_picture, rgb),
-        [&](const stgs_picture* picture) { return on.draw(&on.view, picture); });
+  taken("stgs_image", on.picture(), offsetof(stgs_image, rgb),
+        [&](const stgs_image* picture) { return on.draw(&on.view, picture); });
   stgs_primitives primitives;
   REQUIRE(stgs_primitives_defaults(&primitives, sizeof primitives) == STGS_OK);
   taken("stgs_primitives", primitives, 16, [&](const stgs_primitives* wanted) {
@@ -162,7 +162,7 @@ TEST_CASE("defaults and cameras are written into structs of any version", "[sdk]
   check_given<stgs_player_settings>("settings", defaults(stgs_player_settings_defaults));
   check_given<stgs_renderer_settings>("settings", defaults(stgs_renderer_settings_defaults));
   check_given<stgs_view>("a view", defaults(stgs_view_defaults));
-  check_given<stgs_picture>("a picture", defaults(stgs_picture_defaults));
+  check_given<stgs_image>("a picture", defaults(stgs_image_defaults));
   check_given<stgs_primitives>("primitives", defaults(stgs_primitives_defaults));
   check_given<stgs_view>(
       "a view", [&](stgs_view* view) { return stgs_scene_start_view(on.scene.get(), view); });
@@ -187,7 +187,7 @@ TEST_CASE("views of an array lie as far apart as the program's header has them",
     std::memcpy(views.data() + size, &view, std::min(size, sizeof view));
     for (std::size_t i = 0; i < 2; ++i) std::memcpy(&views[i * size], &size, sizeof size);
     std::vector<std::uint8_t> other(on.pixels.size());
-    stgs_picture pictures[2] = {on.picture(), on.picture()};
+    stgs_image pictures[2] = {on.picture(), on.picture()};
     pictures[1].rgba8.data = other.data();
     REQUIRE(stgs_render(on.renderer.get(), on.scene.get(), 0.4,
                         reinterpret_cast<const stgs_view*>(views.data()), pictures, 2) == STGS_OK);
@@ -200,7 +200,7 @@ TEST_CASE("views of an array lie as far apart as the program's header has them",
 
   stgs_view views[2] = {on.view, on.view};
   views[1].struct_size = offsetof(stgs_view, fovea_x);
-  const stgs_picture pictures[2] = {on.picture(), on.picture()};
+  const stgs_image pictures[2] = {on.picture(), on.picture()};
   CHECK(stgs_render(on.renderer.get(), on.scene.get(), 0.4, views, pictures, 2) ==
         STGS_ERROR_STRUCT_SIZE);
   CHECK(std::string(error_of(on.renderer.get()).message).find("in one array") != std::string::npos);

@@ -23,10 +23,10 @@ TEST_CASE("what a device is good for is told before it is made", "[sdk]") {
   CHECK(stgs_vulkan_get_support(&asked, &support) == STGS_ERROR_UNSUPPORTED);
   asked.api_version = VK_API_VERSION_1_2;
   REQUIRE(stgs_vulkan_get_support(&asked, &support) == STGS_OK);
-  CHECK(support.can_draw == 1);
+  CHECK(support.can_render == 1);
   CHECK(support.timeline_semaphores == 1);
   CHECK(support.subgroup_size_control == (host().controls_subgroup_sizes() ? 1 : 0));
-  CHECK(std::string(support.lacks).empty());
+  CHECK(std::string(support.missing_features).empty());
   support.struct_size = 1;
   CHECK(stgs_vulkan_get_support(&asked, &support) == STGS_ERROR_STRUCT_SIZE);
 }
@@ -62,7 +62,7 @@ TEST_CASE("four views of a moment go to images of the application's, and depth w
     CHECK(psnr_of(scene.get(), kMoment, views[i], host(), images[i]) >= 50);
   }
   std::vector<float> expected(std::size_t{views[2].width} * 48), found(expected.size());
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.depth = {expected.data(), 0, expected.size() * sizeof(float)};
   REQUIRE(stgs_render(cpu_renderer().get(), scene.get(), kMoment, &views[2], &picture, 1) ==
           STGS_OK);
@@ -77,9 +77,9 @@ TEST_CASE("four views of a moment go to images of the application's, and depth w
   CHECK(seen > 1000);
   const stgs_vulkan_progress progress = progress_of(renderer.get());
   CHECK(progress.number == 1);
-  CHECK(progress.whole == 1);
+  CHECK(progress.complete == 1);
   CHECK(progress.splats > 0);
-  CHECK(progress.primitives_alive > 0);
+  CHECK(progress.active_primitives > 0);
 }
 
 TEST_CASE("a frame waits for the application's timeline semaphores and signals them", "[sdk]") {
@@ -130,7 +130,7 @@ TEST_CASE("a player's scene goes into the application's images", "[sdk]") {
   REQUIRE(stgs_player_seek(made, kMoment) == STGS_OK);
   stgs_player_status status{};
   status.struct_size = sizeof status;
-  for (double now = 0; status.settled == 0; now += 0.01) {
+  for (double now = 0; status.is_complete == 0; now += 0.01) {
     REQUIRE(stgs_player_update(made, now, &status) == STGS_OK);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }

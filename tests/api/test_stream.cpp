@@ -8,7 +8,7 @@
 #include <set>
 #include <thread>
 
-#include "held_segment.h"
+#include "resident_segment.h"
 #include "stream/need.h"
 #include "stream/playback_clock.h"
 #include "stream/throughput.h"
@@ -18,7 +18,7 @@ namespace stgs::player {
 namespace {
 
 TEST_CASE("how long until a segment is needed depends on where and which way the viewer goes") {
-  const auto need = [](double begin, double end, const Motion& motion) {
+  const auto need = [](double begin, double end, const Playhead& motion) {
     const Need n = need_of(begin, end, motion);
     return std::pair(n.from, n.until);
   };
@@ -35,7 +35,7 @@ TEST_CASE("how long until a segment is needed depends on where and which way the
 
 TEST_CASE("a moment follows the clock at its rate, and ends or goes round") {
   PlaybackClock clock(89, 30);
-  clock.take(clock.after(1));
+  clock.apply(clock.after(1));
   CHECK(clock.ticks() == 30);
   clock.set_rate(4);
   const PlaybackClock::Step end = clock.after(1);
@@ -58,15 +58,15 @@ TEST_CASE("the speed of a link counts only time in which something was under way
   CHECK(link.bytes_per_second() == 0);
   link.begin(10);
   link.begin(10);
-  link.arrived(1000, 10.5);
+  link.add_bytes(1000, 10.5);
   link.end(10.5);
-  link.arrived(1000, 11);
+  link.add_bytes(1000, 11);
   link.end(11);
   const double before = link.bytes_per_second();
   CHECK(before == Approx(2000).epsilon(0.2));
   link.begin(500);
   CHECK(link.bytes_per_second() == before);
-  for (double t = 500.5; t < 530; t += 0.5) link.arrived(50, t);
+  for (double t = 500.5; t < 530; t += 0.5) link.add_bytes(50, t);
   CHECK(link.bytes_per_second() == Approx(100).epsilon(0.2));
 }
 
@@ -87,7 +87,7 @@ TEST_CASE("a sought frame has, once it has come, exactly what is alive in the fi
 
 TEST_CASE("what is needed first is fetched first, the base of the moment before all else") {
   PlayerSettings settings;
-  settings.fetches = 1;
+  settings.max_reads_in_flight = 1;
   Playing p(settings, clip().bytes,
             [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); });
   // One read is under way, of the beginning; the moment is elsewhere before it is answered.
@@ -98,13 +98,12 @@ TEST_CASE("what is needed first is fetched first, the base of the moment before 
   REQUIRE(p.complete());
   const SceneReader& reader = *clip().reader;
   std::map<std::uint64_t, double> urgencies;
-  const Motion motion{60, 30, kFrames, false};
+  const Playhead motion{60, 30, kFrames, false};
   for (const SegmentInfo& s : reader.segments()) {
     const Need need = need_of(s.begin_ticks, s.end_ticks, motion);
-    urgencies[s.offset] = urgency(need, layer_of(s, false, 3), settings.layer_patience_seconds);
-    if (s.harmonics_bytes > 0) {
-      urgencies[s.harmonics_offset] =
-          urgency(need, layer_of(s, true, 3), settings.layer_patience_seconds);
+    urgencies[s.offset] = deadline(need, layer_of(s, false, 3), settings.layer_lead_seconds);
+    if (s.sh_bytes > 0) {
+      urgencies[s.sh_offset] = deadline(need, layer_of(s, true, 3), settings.layer_lead_seconds);
     }
   }
   const std::vector<std::uint64_t> asked = p.link->asked();
@@ -132,14 +131,14 @@ TEST_CASE("play waits for what has not come, goes on when it has, and says so") 
   CHECK(p.count(Kind::kBuffering) >= 1);
   CHECK(p.count(Kind::kResumed) == p.count(Kind::kBuffering));
   CHECK(p.count(Kind::kEnded) == 1);
-  CHECK(p.count(Kind::kLost) == 0);
+  CHECK(p.count(Kind::kReadFailed) == 0);
   REQUIRE(p.player->buffered().size() == 1);
   CHECK(p.player->buffered()[0].end == Approx(3.0));
 }
 
 TEST_CASE("a seek while playing tells of standing still where it does, once") {
   PlayerSettings settings;
-  settings.ahead_seconds = 0.1;
+  settings.prefetch_seconds = 0.1;
   settings.resume_seconds = 0.05;
   Playing p(settings);
   REQUIRE(p.complete());
@@ -168,8 +167,8 @@ TEST_CASE("a link that goes down degrades the picture and is made up for") {
             [](Link& link) { link.set(Link::Answer::kFail, clip().pieces_at); });
   p.player->play();
   // Nothing can be had, so the empty picture goes on rather than standing still for ever.
-  REQUIRE(p.until([&] { return p.count(Kind::kLost) > 3; }));
-  CHECK(p.said(Kind::kLost, "the link is down"));
+  REQUIRE(p.until([&] { return p.count(Kind::kReadFailed) > 3; }));
+  CHECK(p.said(Kind::kReadFailed, "the link is down"));
   CHECK_FALSE(p.player->ready());
   p.link->set(Link::Answer::kBytes);
   p.player->pause();
@@ -182,13 +181,13 @@ TEST_CASE("damage costs its piece alone") {
   const SegmentInfo* harmonics = nullptr;
   for (const SegmentInfo& s : clip().reader->segments()) {
     if (s.level < 0 && s.tier == 1) base = &s;
-    if (s.level < 0 && s.tier == 0 && s.harmonics_bytes > 0) harmonics = &s;
+    if (s.level < 0 && s.tier == 0 && s.sh_bytes > 0) harmonics = &s;
   }
   REQUIRE(base != nullptr);
   REQUIRE(harmonics != nullptr);
   std::vector<std::uint8_t> bytes = clip().bytes;
   bytes[base->offset + base->bytes / 2] ^= 1;
-  bytes[harmonics->harmonics_offset + harmonics->harmonics_bytes / 2] ^= 1;
+  bytes[harmonics->sh_offset + harmonics->sh_bytes / 2] ^= 1;
   Playing p({}, bytes);
   REQUIRE(p.until([&] { return p.count(Kind::kDamaged) >= 2; }));
   REQUIRE(p.until([&] { return p.player->ready(); }));
@@ -197,18 +196,18 @@ TEST_CASE("damage costs its piece alone") {
     if (event.kind == Kind::kDamaged) damaged.insert(event.offset);
   }
   CHECK(damaged.contains(base->offset));
-  CHECK(damaged.contains(harmonics->harmonics_offset));
+  CHECK(damaged.contains(harmonics->sh_offset));
   const auto active = p.player->timeline().at(0);
   REQUIRE(active.ok());
   const auto segment = static_cast<std::uint32_t>(harmonics - clip().reader->segments().data());
-  CHECK(std::any_of(active->parts.begin(), active->parts.end(),
+  CHECK(std::any_of(active->segments.begin(), active->segments.end(),
                     [&](const auto& part) { return part.segment == segment; }));
 }
 
 TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
   Playing sound;
-  REQUIRE(sound.until([&] { return sound.player->settled(); }));
-  CHECK(sound.player->layers() == sound.player->layers_of_file());
+  REQUIRE(sound.until([&] { return sound.player->is_complete(); }));
+  CHECK(sound.player->layers() == sound.player->layer_count());
 
   const SegmentInfo* base = nullptr;
   for (const SegmentInfo& s : clip().reader->segments()) {
@@ -218,7 +217,7 @@ TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
   std::vector<std::uint8_t> bytes = clip().bytes;
   bytes[base->offset + base->bytes / 2] ^= 1;
   Playing damaged({}, bytes);
-  REQUIRE(damaged.until([&] { return damaged.player->settled(); }));
+  REQUIRE(damaged.until([&] { return damaged.player->is_complete(); }));
   CHECK(damaged.count(Kind::kDamaged) > 0);
   CHECK(damaged.player->layers() == 1);
   CHECK(damaged.player->ready());
@@ -227,21 +226,21 @@ TEST_CASE("a moment is settled when nothing more of it comes, whole or not") {
   settings.retry_seconds = 60;
   const auto lost = [](Link& link) { link.set(Link::Answer::kFail, clip().pieces_at); };
   Playing down(settings, clip().bytes, lost);
-  REQUIRE(down.until([&] { return down.player->settled(); }));
+  REQUIRE(down.until([&] { return down.player->is_complete(); }));
   CHECK(down.player->layers() == 0);
   CHECK_FALSE(down.player->ready());
 
   const auto waits = [](Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); };
   Playing waiting({}, clip().bytes, waits);
   waiting.until([&] { return !waiting.link->asked().empty(); });
-  CHECK_FALSE(waiting.player->settled());
+  CHECK_FALSE(waiting.player->is_complete());
 }
 
 TEST_CASE("a moment is settled where memory has no room for the rest of it") {
   std::uint64_t all = 0;
   for (const std::uint32_t s : clip().reader->segments_between(0, 0)) {
     const SegmentInfo& segment = clip().reader->segments()[s];
-    all += segment.bytes + segment.harmonics_bytes + held_bytes(segment.primitives, 2);
+    all += segment.bytes + segment.sh_bytes + decoded_segment_bytes(segment.primitives, 2);
   }
   for (const double share : {0.001, 0.3, 0.6, 0.8}) {
     INFO(share);
@@ -249,11 +248,11 @@ TEST_CASE("a moment is settled where memory has no room for the rest of it") {
     settings.retry_seconds = 60;
     settings.memory_budget = static_cast<std::uint64_t>(share * static_cast<double>(all));
     Playing p(settings);
-    REQUIRE(p.until([&] { return p.player->settled(); }));
-    CHECK(p.player->layers() < p.player->layers_of_file());
+    REQUIRE(p.until([&] { return p.player->is_complete(); }));
+    CHECK(p.player->layers() < p.player->layer_count());
     // Room for all of another moment: what is said of the one does not hold for the other.
     REQUIRE(p.player->seek_frame(45).ok());
-    REQUIRE(p.until([&] { return p.player->settled(); }));
+    REQUIRE(p.until([&] { return p.player->is_complete(); }));
   }
 }
 
@@ -264,7 +263,7 @@ TEST_CASE("memory stays within its budget, and play comes to the end all the sam
     std::uint64_t alive = 0;
     for (const std::uint32_t s : clip().reader->segments_between(t, t)) {
       const SegmentInfo& segment = clip().reader->segments()[s];
-      alive += segment.bytes + segment.harmonics_bytes + 260 * std::uint64_t{segment.primitives};
+      alive += segment.bytes + segment.sh_bytes + 260 * std::uint64_t{segment.primitives};
     }
     most = std::max(most, alive);
   }
@@ -276,8 +275,8 @@ TEST_CASE("memory stays within its budget, and play comes to the end all the sam
 
   settings.memory_budget = 1000;
   Playing none(settings);
-  REQUIRE(none.until([&] { return none.count(Kind::kLost) > 0; }));
-  CHECK(none.said(Kind::kLost, "memory"));
+  REQUIRE(none.until([&] { return none.count(Kind::kReadFailed) > 0; }));
+  CHECK(none.said(Kind::kReadFailed, "memory"));
 }
 
 TEST_CASE("play goes backwards and round") {
@@ -302,8 +301,8 @@ TEST_CASE("play goes backwards and round") {
 
 TEST_CASE("all layers of a moment come, however patient the layers are") {
   PlayerSettings settings;
-  settings.layer_patience_seconds = 60;
-  settings.ahead_seconds = 0.5;
+  settings.layer_lead_seconds = 60;
+  settings.prefetch_seconds = 0.5;
   Playing p(settings);
   REQUIRE(p.complete());
 }
@@ -321,7 +320,7 @@ TEST_CASE("who stands still gets every layer, however slow the link is") {
 TEST_CASE("a link that has become better is used, whatever it was before") {
   PlayerSettings settings;
   settings.retry_seconds = 0.01;
-  settings.ahead_seconds = 0.5;
+  settings.prefetch_seconds = 0.5;
   Playing p(settings, clip().bytes, [](Link& link) { link.limit(20000, clip().pieces_at); });
   p.player->set_loop(true);
   p.player->play();
@@ -329,19 +328,19 @@ TEST_CASE("a link that has become better is used, whatever it was before") {
   p.link->limit(0, 0);
   REQUIRE(p.until([&] {
     p.now += 0.01;
-    return p.player->layers() == p.player->layers_of_file();
+    return p.player->layers() == p.player->layer_count();
   }));
 }
 
 TEST_CASE("a jump away from a read that does not end is not held up by it") {
   PlayerSettings settings;
-  settings.fetches = 2;
+  settings.max_reads_in_flight = 2;
   const SegmentInfo* there = nullptr;  // of the end alone
   for (const SegmentInfo& s : clip().reader->segments()) {
     if (s.tier == 0 && s.level >= 0 && s.begin_ticks >= 60) there = &s;
   }
   REQUIRE(there != nullptr);
-  settings.ahead_seconds = 0.2;
+  settings.prefetch_seconds = 0.2;
   Playing p(settings, clip().bytes, [&](Link& link) {
     link.set(Link::Answer::kWait, there->offset, there->offset + there->bytes);
   });
@@ -361,7 +360,7 @@ TEST_CASE("however little memory there is, play comes to the end, and says what 
     std::uint64_t base = 0;
     for (const std::uint32_t s : clip().reader->segments_between(t, t)) {
       const SegmentInfo& segment = clip().reader->segments()[s];
-      if (segment.tier == 0) base += segment.bytes + held_bytes(segment.primitives, 2);
+      if (segment.tier == 0) base += segment.bytes + decoded_segment_bytes(segment.primitives, 2);
     }
     most = std::max(most, base);
   }
@@ -373,13 +372,13 @@ TEST_CASE("however little memory there is, play comes to the end, and says what 
     Playing p(settings);
     p.player->play();
     p.to_the_end([&] { CHECK(p.player->statistics().memory_bytes <= settings.memory_budget); });
-    if (share < 1) CHECK(p.said(Kind::kLost, "memory"));
+    if (share < 1) CHECK(p.said(Kind::kReadFailed, "memory"));
   }
 }
 
 TEST_CASE("play that goes round waits at the end for the beginning, once") {
   PlayerSettings settings;
-  settings.ahead_seconds = 0.3;
+  settings.prefetch_seconds = 0.3;
   settings.memory_budget = 600'000;
   Playing p(settings);
   REQUIRE(p.player->seek_frame(80).ok());

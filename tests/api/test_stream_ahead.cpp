@@ -19,7 +19,7 @@ TEST_CASE(
     const double at = 1.51, ticks = timeline.metadata().time_base.ticks(at);
     REQUIRE(p.player->set_rate(rate).ok());
     REQUIRE(p.player->seek(at).ok());
-    CHECK(timeline.needed_soon(at).empty());
+    CHECK(timeline.prefetch_segments(at).empty());
     CHECK_FALSE(timeline.is_playing());
     p.player->play();
     REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
@@ -34,20 +34,20 @@ TEST_CASE(
       return in(info) > 0 && in(info) <= 0.5;
     });
     REQUIRE(expected > 2);
-    std::vector<Timeline::Needed> soon;
+    std::vector<Timeline::SegmentRef> soon;
     REQUIRE(p.until([&] {
-      soon = timeline.needed_soon(at);
+      soon = timeline.prefetch_segments(at);
       return soon.size() == static_cast<std::size_t>(expected);
     }));
     double last = 0;
-    for (const Timeline::Needed& one : soon) {
+    for (const Timeline::SegmentRef& one : soon) {
       CHECK(one.set != nullptr);
       CHECK(in(segments[one.segment]) >= last);
       last = in(segments[one.segment]);
     }
     CHECK(last <= 0.5);
     p.player->pause();
-    CHECK(timeline.needed_soon(at).empty());
+    CHECK(timeline.prefetch_segments(at).empty());
   }
 }
 
@@ -60,12 +60,12 @@ TEST_CASE("where play goes round, the other end of the clip comes soon") {
     REQUIRE(p.player->set_rate(rate).ok());
     REQUIRE(p.player->seek(at).ok());
     const std::vector<SegmentInfo>& segments = timeline.reader().segments();
-    const auto other_end = [&](const Timeline::Needed& one) {
+    const auto other_end = [&](const Timeline::SegmentRef& one) {
       const SegmentInfo& info = segments[one.segment];
       return info.level == 0 && (rate > 0 ? info.begin_ticks == 0 : info.end_ticks == kFrames);
     };
     const auto comes_soon = [&] {
-      const std::vector<Timeline::Needed> soon = timeline.needed_soon(at);
+      const std::vector<Timeline::SegmentRef> soon = timeline.prefetch_segments(at);
       return std::any_of(soon.begin(), soon.end(), other_end);
     };
     p.player->play();

@@ -22,9 +22,9 @@ struct ClipFile {
   void cut(std::size_t bytes) const { std::filesystem::resize_file(path, bytes); }
   Playing play() const {
     PlayerSettings settings;
-    settings.ahead_seconds = 0.1;
+    settings.prefetch_seconds = 0.1;
     settings.retry_seconds = 0.01;
-    settings.fetches = 1;
+    settings.max_reads_in_flight = 1;
     auto opened = Player::open(path, settings);
     REQUIRE(opened.ok());
     return Playing(std::move(*opened));
@@ -43,13 +43,13 @@ TEST_CASE("a file that is cut while it plays is told as often as it is, and made
     file.cut(clip().pieces_at + 100);
     REQUIRE(p.player->seek(moment).ok());
     ++times;
-    REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == times && p.player->settled(); }));
+    REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == times && p.player->is_complete(); }));
     CHECK_FALSE(p.player->ready());
     file.make_whole();
     REQUIRE(p.complete());
     CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
   }
-  CHECK(p.said(Kind::kLost, "have gone since it was opened"));
+  CHECK(p.said(Kind::kReadFailed, "have gone since it was opened"));
   CHECK(p.said(Kind::kReplaced, "it was overwritten or cut"));
   CHECK(p.count(Kind::kReplaced) == times);
 }
@@ -61,7 +61,7 @@ TEST_CASE("a file that has lost its end is told once, though what is before it s
   file.cut(clip().bytes.size() * 3 / 4);
   for (const double moment : {0.3, 2.9, 0.6, 2.6, 0.9, 2.3, 1.2}) {
     REQUIRE(p.player->seek(moment).ok());
-    REQUIRE(p.until([&] { return p.player->settled(); }));
+    REQUIRE(p.until([&] { return p.player->is_complete(); }));
   }
   REQUIRE(p.until([&] { return p.count(Kind::kReplaced) > 0; }));
   CHECK(p.count(Kind::kReplaced) == 1);
@@ -80,7 +80,7 @@ TEST_CASE("a file that is overwritten by another, of any size, is told once, and
     std::ofstream(file.path, std::ios::binary) << other;
     for (const double moment : {1.5, 2.5}) {
       REQUIRE(p.player->seek(moment).ok());
-      REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == 1 && p.player->settled(); }));
+      REQUIRE(p.until([&] { return p.count(Kind::kReplaced) == 1 && p.player->is_complete(); }));
       CHECK_FALSE(p.player->ready());
     }
     file.make_whole();

@@ -128,12 +128,12 @@ TEST_CASE("the fullest moment makes the first tier small, what is longest there 
   // 60,000 all the time and 400,000 more for a hundredth of it.
   std::vector<float> importance(460000);
   std::iota(importance.rbegin(), importance.rend(), 0.0f);
-  Needed needed{std::vector<float>(importance.size(), 0.01f), 460000};
+  Demand needed{std::vector<float>(importance.size(), 0.01f), 460000};
   std::fill_n(needed.shares.begin(), 60000, 1.0f);
   const TierPlan plan = plan_tiers(importance, needed, 0);
   CHECK(plan.graded);
   CHECK(plan.bounds.size() == 3);  // 36,864 of 460,000, then twice and four times as many
-  needed.most = 64000;             // what the moments need in the mean
+  needed.peak = 64000;             // what the moments need in the mean
   CHECK_FALSE(plan_tiers(importance, needed, 0).graded);
   CHECK(plan.bounds[0] == Approx(460000 - 64000.0 * 36864 / 460000).margin(2));
 }
@@ -143,7 +143,7 @@ TEST_CASE("of many a tier is as large at a moment as it is to be, whatever lives
   constexpr std::size_t kLong = 200000, kBrief = 1000000;
   std::vector<float> importance(kLong + kBrief);
   std::iota(importance.rbegin(), importance.rend(), 0.0f);
-  Needed needed{std::vector<float>(kLong + kBrief, 0.1f), 300000};
+  Demand needed{std::vector<float>(kLong + kBrief, 0.1f), 300000};
   std::fill_n(needed.shares.begin(), kLong, 1.0f);
   const TierPlan plan = plan_tiers(importance, needed, 0);
   CHECK(plan.graded);
@@ -165,8 +165,8 @@ TEST_CASE("what moments need is told by the segments that are alive, and the ful
   const std::vector<PartRange> parts{{0, 30, {0, 100}}, {30, 40, {100, 150}}};
   const std::vector<std::vector<SegmentMembers>> whole{
       {{{-1, 0}, {0, 1, 2}}, {{0, 0}, {3, 4}}, {{0, 2}, {5, 6, 7, 8}}}, {{{-1, 0}, {9}}}};
-  const Needed needed = needed_at_moments(parts, whole, 10, 10);
-  CHECK(needed.most == 7);  // not 9: one ends where the other begins
+  const Demand needed = measure_demand(parts, whole, 10, 10);
+  CHECK(needed.peak == 7);  // not 9: one ends where the other begins
   CHECK(needed.shares[0] == Approx(100.0 / 150));
   CHECK(needed.shares[5] == Approx(10.0 / 150));
   CHECK(needed.shares[9] == Approx(50.0 / 150));
@@ -178,8 +178,8 @@ TEST_CASE("what a cut leaves out, and what is before the timeline, nobody needs"
                                      {8, 12, {-20, 0}, {}}};
   const std::vector<std::vector<SegmentMembers>> whole{
       {{{-1, 0}, {0, 1, 2}}}, {{{-1, 0}, {3, 4, 5, 6, 7}}}, {{{-1, 0}, {8, 9, 10, 11}}}};
-  const Needed needed = needed_at_moments(parts, whole, 10, 12);
-  CHECK(needed.most == 5);
+  const Demand needed = measure_demand(parts, whole, 10, 12);
+  CHECK(needed.peak == 5);
   CHECK(needed.shares[0] == Approx(25.0 / 80));
   CHECK(needed.shares[3] == Approx(25.0 / 80));
   CHECK(needed.shares[8] == 0.0f);

@@ -124,9 +124,9 @@ TEST_CASE("measuring held-out views changes nothing and says what it sees") {
   const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(60);
-  settings.held_out_measures = 0;
+  settings.held_out_evaluations = 0;
   const Result<Scene> without = run(synthetic, settings);
-  settings.held_out_measures = 7;
+  settings.held_out_evaluations = 7;
   settings.log_path = path;
   TrainReport report;
   const Result<Scene> with = train(synthetic.capture, settings, nullptr, nullptr, &report);
@@ -137,18 +137,18 @@ TEST_CASE("measuring held-out views changes nothing and says what it sees") {
   const Result<TrainingLog> log = read_training_log(path);
   REQUIRE(log.ok());
   std::vector<std::uint64_t> iterations;
-  for (const LoggedMeasure& m : log->measures) iterations.push_back(m.iteration);
+  for (const LoggedEvaluation& m : log->evaluations) iterations.push_back(m.iteration);
   CHECK(iterations == std::vector<std::uint64_t>{9, 18, 26, 35, 43, 52, 60});
   REQUIRE(log->steps.size() == 3);  // the first, the 50th, the last
   CHECK(log->steps.back().iteration == 60);
   // Six frames, one test camera: the sample is all that there is, and the last measure the end.
   REQUIRE(report.held_out);
-  CHECK(report.held_out->pictures == 6);
-  CHECK(report.held_out->psnr == log->measures.back().score.psnr);
+  CHECK(report.held_out->images == 6);
+  CHECK(report.held_out->psnr == log->evaluations.back().score.psnr);
   CHECK(report.held_out->psnr ==
         Approx(held_out_psnr(synthetic, *with)).margin(0.05));  // of 8-bit truth
   CHECK(report.held_out->psnr_cc >= report.held_out->psnr);
-  CHECK(report.held_out->psnr > log->measures.front().score.psnr);
+  CHECK(report.held_out->psnr > log->evaluations.front().score.psnr);
 }
 
 TEST_CASE("held-out views that cannot be read are told of and do not stop the training") {
@@ -185,7 +185,7 @@ TEST_CASE("a resumed log holds each line once, as if nothing had happened") {
   REQUIRE(log.ok());
   std::vector<std::uint64_t> steps, measures;
   for (const LoggedStep& s : log->steps) steps.push_back(s.iteration);
-  for (const LoggedMeasure& m : log->measures) measures.push_back(m.iteration);
+  for (const LoggedEvaluation& m : log->evaluations) measures.push_back(m.iteration);
   CHECK(steps == std::vector<std::uint64_t>{1, 50, 100, 120});
   CHECK(measures == std::vector<std::uint64_t>{24, 48, 72, 96, 120});
 }
@@ -316,7 +316,7 @@ TEST_CASE("a run that had ended is resumed with its held-out score") {
   REQUIRE(again.held_out);
   CHECK(again.iterations == 30);
   CHECK(again.held_out->psnr == first.held_out->psnr);
-  CHECK(again.held_out->pictures == first.held_out->pictures);
+  CHECK(again.held_out->images == first.held_out->images);
 }
 
 TEST_CASE("what training would refuse is found without the capture") {

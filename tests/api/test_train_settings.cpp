@@ -41,7 +41,7 @@ TrainSettings settings_of(const std::string& ablate, const Values& values) {
   TrainSettings settings;
   settings.preset = "fast";
   settings.backend = "cpu";
-  settings.held_out_measures = 0;
+  settings.held_out_evaluations = 0;
   settings.ablate = ablate;
   settings.overrides.assign(values.begin(), values.end());
   return settings;

@@ -67,7 +67,7 @@ struct Start {
 Start start_of(const PreparedCapture& whole, const FrameSpan& span, std::uint64_t seed) {
   HyperParameters parameters;
   parameters.max_primitives = 200;  // 120 at the start, at most 60 of them moving
-  const Result<PreparedCapture> window = window_of(whole, span);
+  const Result<PreparedCapture> window = extract_window(whole, span);
   REQUIRE(window.ok());
   const Result<TrainState> state = initial_state(*window, parameters, {}, seed);
   INFO(state.status().message());
@@ -114,7 +114,7 @@ TEST_CASE("windows cover the capture and share what was asked for") {
 TEST_CASE("a window has the capture's frames, points and clock from its first frame on") {
   const SyntheticCapture synthetic(4, 8);
   const PreparedCapture& whole = synthetic.capture;
-  const Result<PreparedCapture> window = window_of(whole, {3, 7});
+  const Result<PreparedCapture> window = extract_window(whole, {3, 7});
   REQUIRE(window.ok());
   CHECK(window->frames == 4);
   CHECK(window->frame_path(whole.cameras[0], 1) == whole.frame_path(whole.cameras[0], 4));
@@ -133,12 +133,12 @@ TEST_CASE("a window has the capture's frames, points and clock from its first fr
   CHECK(*least == Approx(0).margin(0.1));
   CHECK(*most == Approx(3).margin(0.1));
 
-  CHECK(shown_part(whole, start->metadata, "x")->first_frame == whole.first_frame + 3);
+  CHECK(capture_for_scene(whole, start->metadata, "x")->first_frame == whole.first_frame + 3);
   PreparedCapture other = whole;
   other.cameras[1].fx += 1;
-  CHECK(shown_part(other, start->metadata, "x").status().code() == StatusCode::kUsage);
+  CHECK(capture_for_scene(other, start->metadata, "x").status().code() == StatusCode::kUsage);
   for (const FrameSpan span : {FrameSpan{-1, 4}, {4, 4}, {5, 4}, {0, 9}}) {
-    CHECK(window_of(whole, span).status().code() == StatusCode::kUsage);
+    CHECK(extract_window(whole, span).status().code() == StatusCode::kUsage);
   }
 }
 
@@ -206,7 +206,7 @@ TEST_CASE("windows trained apart and merged are as good as one, also at the seam
   std::vector<std::vector<double>> alone;  // PSNR of each window by frame
   const Scene one_window = trained(whole, 600);
   for (const FrameSpan& span : *spans) {
-    const Result<PreparedCapture> window = window_of(whole, span);
+    const Result<PreparedCapture> window = extract_window(whole, span);
     REQUIRE(window.ok());
     paths.push_back(folder + std::to_string(span.begin) + ".stgs");
     const Scene scene = trained(*window, 600);

@@ -155,7 +155,7 @@ Result<Json> measure(const std::string& path, Size size, double seconds,
     const auto pinhole = resized(camera, size).pinhole(timeline->metadata().near_plane);
     SplatFrame frame;
     begin_frame(pinhole, frame);
-    for (const auto& part : active.parts) {
+    for (const auto& part : active.segments) {
       slice(*part.set, *part.candidates, part.ticks, pinhole, {}, part.id_base, frame);
     }
     bin(frame);

@@ -34,8 +34,8 @@ Result<Json> play(const std::string& path, const encoder::Camera& camera, double
       STGS_TRY(renderer->render(*timeline, metadata.time_base.seconds(i), {view}, frames, &stats));
       if (round == 0) continue;
       milliseconds.push_back(1000 * (now_seconds() - start));
-      sums.alive += stats.alive;
-      sums.drawn += stats.drawn;
+      sums.active += stats.active;
+      sums.splats += stats.splats;
       sums.fetch_ms += stats.fetch_ms;
       sums.slice_ms += stats.slice_ms;
       sums.bin_ms += stats.bin_ms;
@@ -60,8 +60,8 @@ Result<Json> play(const std::string& path, const encoder::Camera& camera, double
                 {"slice", sums.slice_ms / n},
                 {"bin", sums.bin_ms / n},
                 {"blend", sums.blend_ms / n}}},
-              {"alive", static_cast<double>(sums.alive) / n},
-              {"drawn", static_cast<double>(sums.drawn) / n},
+              {"active", static_cast<double>(sums.active) / n},
+              {"rendered", static_cast<double>(sums.splats) / n},
               {"decoded_bytes", timeline->memory_bytes()}};
 }
 

@@ -64,7 +64,7 @@ nlohmann::json first_picture(const char* path, stgs::Renderer& renderer) {
   const double ready = since(begin);
   (void)renderer.render_rgba8(player.scene(), 0, view);
   const double drawn = since(begin);
-  wait_for(player, 0, [](const stgs_player_status& s) { return s.settled != 0; });
+  wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
   return {{"opened_ms", 1e3 * opened},
           {"base_ready_ms", 1e3 * ready},
           {"base_drawn_1280x720_ms", 1e3 * drawn},
@@ -75,7 +75,7 @@ nlohmann::json calls(const char* path) {
   stgs::Player player;
   player.open(path);
   player.wait_open();
-  wait_for(player, 0, [](const stgs_player_status& s) { return s.settled != 0; });
+  wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
   std::this_thread::sleep_for(std::chrono::seconds(2));  // until nothing is fetched ahead any more
   return {{"player_update_paused_ns", cost([&] { player.update(1); })},
           {"player_next_event_none_ns", cost([&] { player.next_event(); })},
@@ -106,13 +106,14 @@ nlohmann::json playing(const char* path, std::uint64_t budget) {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
     most = std::max(most, player.statistics().memory_bytes);
-    while (const auto event = player.next_event()) lost += event->kind == STGS_EVENT_LOST ? 1 : 0;
+    while (const auto event = player.next_event())
+      lost += event->kind == STGS_EVENT_READ_FAILED ? 1 : 0;
   }
   return {{"budget_mib", static_cast<double>(budget) / (1 << 20)},
           {"held_at_most_mib", static_cast<double>(most) / (1 << 20)},
           {"resident_more_at_most_mib", resident_peak() - before},
           {"layers_at_least", fewest},
-          {"layers_of_file", player.update(now).layers_of_file},
+          {"layer_count", player.update(now).layer_count},
           {"lost", lost}};
 }
 

@@ -100,7 +100,7 @@ void wait(Player& player, Renderer* renderer, double begin, Times& times) {
       draw(player, renderer, begin, times.drawn_ready);
       now = seconds();
     }
-    if (ready && player.layers() == player.layers_of_file()) {
+    if (ready && player.layers() == player.layer_count()) {
       times.complete.push_back(1e3 * (now - begin));
       draw(player, renderer, begin, times.drawn_complete);
       return;
@@ -112,7 +112,7 @@ void wait(Player& player, Renderer* renderer, double begin, Times& times) {
   }
   const StreamStatistics statistics = player.statistics();
   check(runtime_error("{} of {} layers of {} s have come in {} s, {} bytes fetched, {} held",
-                      player.layers(), player.layers_of_file(), player.seconds(), kLongest,
+                      player.layers(), player.layer_count(), player.seconds(), kLongest,
                       statistics.fetched_bytes, statistics.memory_bytes));
 }
 
@@ -149,7 +149,7 @@ int main(int argc, char** argv) {
     renderer = std::move(*made);
   }
   const double begin = seconds();
-  auto place = open_place(argv[1]);
+  auto place = open_location(argv[1]);
   check(place.status());
   std::unique_ptr<ByteSource> source = std::move(*place);
   if (argc > 3 && std::atof(argv[2]) > 0) {
@@ -158,7 +158,7 @@ int main(int argc, char** argv) {
   }
   PlayerSettings settings;
   if (argc > 5) settings.memory_budget = std::strtoull(argv[5], nullptr, 10) << 20;
-  auto player = Player::over(std::move(source), settings);
+  auto player = Player::from_source(std::move(source), settings);
   check(player.status());
   const double opened = seconds();
   Times first, sought;

@@ -67,7 +67,7 @@ Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigne
 
 // Bytes of a segment's records.
 std::uint64_t bytes_of(const SegmentInfo& segment) {
-  return segment.bytes + segment.harmonics_bytes;
+  return segment.bytes + segment.sh_bytes;
 }
 
 // For each frame the bytes of what is alive there: its segments', shared out among their
@@ -109,9 +109,8 @@ Seek seek_to(const SceneReader& reader, double t) {
   for (const std::uint32_t s : reader.segments_between(t, t)) {
     const SegmentInfo& segment = reader.segments()[s];
     ranges.emplace_back(segment.offset, segment.offset + segment.bytes);
-    if (segment.harmonics_bytes > 0) {
-      ranges.emplace_back(segment.harmonics_offset,
-                          segment.harmonics_offset + segment.harmonics_bytes);
+    if (segment.sh_bytes > 0) {
+      ranges.emplace_back(segment.sh_offset, segment.sh_offset + segment.sh_bytes);
     }
     seek.needed += bytes_of(segment);
     seek.primitives += segment.primitives;

@@ -144,8 +144,8 @@ Status measure(const Case& c, const Settings& settings) {
   std::printf(
       "{\"primitives\": %zu, \"width\": %d, \"height\": %d, \"sh_degree\": %d, "
       "\"visible\": %zu, \"instances\": %zu, \"ms_a_step\": %.4f, ",
-      c.primitives, c.width, c.height, settings.sh_degree, last.visible, backend.instances_seen(),
-      1e3 * seconds / settings.steps);
+      c.primitives, c.width, c.height, settings.sh_degree, last.visible,
+      backend.max_recent_instances(), 1e3 * seconds / settings.steps);
   for (const auto& [name, ms] : times.means(20)) std::printf("\"%s\": %.4f, ", name.c_str(), ms);
   std::printf(
       "\"grow_and_replace_ms\": %.2f, \"copy_there_and_back_ms\": %.2f, "

@@ -3,7 +3,7 @@
 """Runs `stgs bench` over the cases that RESULTS.md tells of the player, and prints a line for each.
 
 usage: player_table.py SCENE [--stgs PROGRAM] [--backend cuda] [--cases frame,steps,stereo,lives,play]
-                       [--foveae 250,300,500] [--repeat 1] [--scale 1] [--pictures 80] [--frames 300]
+                       [--foveae 250,300,500] [--repeat 1] [--scale 1] [--num-frames 80] [--frames 300]
                        [--work FOLDER]
 
 The eight cameras stand on an ellipse around the scene's origin and look at it, 60 degrees wide. The
@@ -60,9 +60,9 @@ def times(drawn, what="frame_ms"):
 
 
 def of_frame(found):
-    again = found["again"]
+    again = found["warm"]
     return (f"frame {times(again)}, device {times(again, 'device_ms')} ms | "
-            f"{found['stored']} stored, {found['alive']:.0f} alive, {found['drawn']:.0f} drawn")
+            f"{found['stored']} stored, {found['active']:.0f} alive, {found['rendered']:.0f} drawn")
 
 
 def of_steps(found):
@@ -72,20 +72,20 @@ def of_steps(found):
 
 def of_stereo(found):
     stereo = found["stereo"]
-    line = (f"two eyes {times(found['again'])}, one {times(stereo['one_eye'])} ms, "
-            f"{stereo['times_one_eye']:.3f} times")
-    if "times_one_eye_alike" in stereo:
-        line += (f"; one alike {times(stereo['one_eye_alike'])} ms, "
-                 f"{stereo['times_one_eye_alike']:.3f} times")
+    line = (f"two eyes {times(found['warm'])}, one {times(stereo['one_eye'])} ms, "
+            f"{stereo['ratio_to_one_eye']:.3f} times")
+    if "ratio_to_one_eye_foveated" in stereo:
+        line += (f"; one alike {times(stereo['one_eye_foveated'])} ms, "
+                 f"{stereo['ratio_to_one_eye_foveated']:.3f} times")
     return line
 
 
 def of_play(found):
     play = found["play"]
-    missing = "".join(f", {play[what]} {what}" for what in ("incomplete", "lost") if what in play)
-    return (f"{play['missed']} of {play['pictures']} missed{missing}, longest "
-            f"{play['longest_ms']:.1f} ms, first after {play['start_ms']:.0f}; drawn in "
-            f"{times(play['drawing'])} ms, device {times(play['drawing'], 'device_ms')}, "
+    missing = "".join(f", {play[what]} {what}" for what in ("incomplete", "failed_reads") if what in play)
+    return (f"{play['missed']} of {play['refreshes']} missed{missing}, longest "
+            f"{play['max_ms']:.1f} ms, first after {play['start_ms']:.0f}; drawn in "
+            f"{times(play['rendering'])} ms, device {times(play['rendering'], 'device_ms')}, "
             f"fetching {100 * play['fetch_share']:.1f} % of the time")
 
 
@@ -93,16 +93,16 @@ def frame_cases(size, all_cameras, args):
     for name, width, height in (("2160p", WIDTH, HEIGHT), ("1080p", WIDTH // 2, HEIGHT // 2)):
         for moves in (["--animate"], []):
             yield (f"{name} {'moving' if moves else 'still'}",
-                   ["--full-harmonics", *moves, *size(width, height), *all_cameras,
-                    "--pictures", str(args.pictures)], of_frame)
+                   ["--full-sh", *moves, *size(width, height), *all_cameras,
+                    "--num-frames", str(args.num_frames)], of_frame)
 
 
 def steps_cases(size, all_cameras, _):
     for name, width, height in (("2160p", WIDTH, HEIGHT), ("an eye", 2064, 2208)):
         for moves in (["--animate"], []):
             yield (f"steps of {name} {'moving' if moves else 'still'}",
-                   ["--full-harmonics", *moves, *size(width, height), *all_cameras, "--steps",
-                    "--pictures", "16"], of_steps)
+                   ["--full-sh", *moves, *size(width, height), *all_cameras, "--steps",
+                    "--num-frames", "16"], of_steps)
 
 
 def stereo_cases(size, all_cameras, args):
@@ -110,22 +110,22 @@ def stereo_cases(size, all_cameras, args):
         pixels = ["--fovea", str(float(fovea) * args.scale)] if fovea else []
         for moves in (["--animate"], []):
             yield (f"stereo {'moving' if moves else 'still'}{' fovea ' if fovea else ''}{fovea}",
-                   ["--full-harmonics", *moves, *size(2064, 2208), *all_cameras, "--stereo",
-                    str(EYES_APART), *pixels, "--pictures", str(args.pictures)], of_stereo)
+                   ["--full-sh", *moves, *size(2064, 2208), *all_cameras, "--stereo",
+                    str(EYES_APART), *pixels, "--num-frames", str(args.num_frames)], of_stereo)
 
 
 def lives_cases(size, all_cameras, args):
     for lives in ("1", "10"):
         yield (f"stored {lives} times",
-               ["--lives", lives, "--memory", "40000", *size(WIDTH, HEIGHT), *all_cameras,
-                "--pictures", str(args.pictures)], of_frame)
+               ["--stored-ratio", lives, "--memory", "40000", *size(WIDTH, HEIGHT), *all_cameras,
+                "--num-frames", str(args.num_frames)], of_frame)
 
 
 def play_cases(size, all_cameras, args):
     for through in ("timeline", "player"):
         for camera in PLAYED_FROM:
             yield (f"play {through} camera {camera}",
-                   ["--animate", "--full-harmonics", "--quality", "87", *size(WIDTH, HEIGHT),
+                   ["--animate", "--full-sh", "--quality", "87", *size(WIDTH, HEIGHT),
                     "--camera", all_cameras[camera + 1], "--memory", "8000", "--play", through,
                     "--frames", str(args.frames)], of_play)
 
@@ -143,7 +143,7 @@ def main():
     parser.add_argument("--foveae", default="250,300,500", help="pixels, with commas")
     parser.add_argument("--repeat", type=int, default=1, help="times that each case is measured")
     parser.add_argument("--scale", type=float, default=1, help="of the pictures, an axis")
-    parser.add_argument("--pictures", type=int, default=80)
+    parser.add_argument("--num-frames", type=int, default=80)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/player_table"))
     args = parser.parse_args()

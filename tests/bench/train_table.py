@@ -65,7 +65,7 @@ def variant(line, captures, args):
     name, capture, every, options = [part.strip() for part in line.split("|")]
     scene = args.work / f"{name}.stgs"
     common = ["--backend", args.backend, "--format", "json", "--progress", "none"]
-    trained = run([args.stgs, "train", str(captures[capture]), "-o", str(scene), "--held-out", "0",
+    trained = run([args.stgs, "train", str(captures[capture]), "-o", str(scene), "--num-evals", "0",
                    *common, *shlex.split(options)])
     measured = run([args.stgs, "evaluate", str(scene), "--against", str(captures[capture]),
                     "--every", every, *common])

@@ -74,7 +74,7 @@ class Scenes(unittest.TestCase):
         self.assertEqual((error.code, error.offset, error.issue), (20, None, 0))
         self.assertIn("no such file", str(error))
         error = self.fails("STGS_ERROR_INVALID_FILE",
-                           lambda: stgs.Scene(content("tiny.stgs")[:-1], refuse_damage=True))
+                           lambda: stgs.Scene(content("tiny.stgs")[:-1], reject_damage=True))
         self.assertGreater(error.issue, 0)
         self.assertIsInstance(error.offset, int)
         tiny = path("tiny.stgs")
@@ -184,7 +184,7 @@ class Pictures(unittest.TestCase):
         expected = self.renderer.render(self.scene, 0.1, self.view, ["rgba8", "depth"])
         both = np.zeros((48, 130, 4), np.uint8)  # two pictures beside each other, and a seam
         depth = np.full((48, 64), -1, np.float32)
-        out = [stgs.Picture(rgba8=both[:, :64], depth=depth), stgs.Picture(rgba8=both[:, 66:])]
+        out = [stgs.Image(rgba8=both[:, :64], depth=depth), stgs.Image(rgba8=both[:, 66:])]
         got = self.renderer.render(self.scene, 0.1, [self.view, self.view], out=out)
         self.assertIs(got[0].depth, depth)
         np.testing.assert_array_equal(both[:, :64], expected.rgba8)
@@ -200,9 +200,9 @@ class Pictures(unittest.TestCase):
                  np.zeros((48, 64, 4), np.uint8)[::-1], [1, 2]]
         for array in wrong:
             with self.assertRaises(ValueError):
-                self.renderer.render(self.scene, 0.1, self.view, out=stgs.Picture(rgba8=array))
+                self.renderer.render(self.scene, 0.1, self.view, out=stgs.Image(rgba8=array))
         with self.assertRaises(ValueError):
-            self.renderer.render(self.scene, 0.1, [self.view] * 2, out=[stgs.Picture()])
+            self.renderer.render(self.scene, 0.1, [self.view] * 2, out=[stgs.Image()])
         with self.assertRaises(ValueError):
             self.renderer.render(self.scene, 0.1, self.view, ["colour"])
 
@@ -267,7 +267,7 @@ class Players(unittest.TestCase):
 
     def test_a_clip_is_played_to_its_end_and_round(self):
         for source in path("tiny.stgs"), content("tiny.stgs"):
-            player = stgs.Player(source, ahead_seconds=5, fetches=2)
+            player = stgs.Player(source, prefetch_seconds=5, max_reads_in_flight=2)
             player.wait_open()
             self.assertEqual([e.kind for e in player.events()], ["opened"])
             player.play()
@@ -293,9 +293,9 @@ class Players(unittest.TestCase):
         player = stgs.Player(path("tiny.stgs"))
         player.wait_open()
         player.seek_frame(3)
-        status = self.until(player, lambda s: s.settled)
+        status = self.until(player, lambda s: s.is_complete)
         self.assertEqual((status.state, status.ready), ("paused", True))
-        self.assertEqual(status.layers, status.layers_of_file)
+        self.assertEqual(status.layers, status.layer_count)
         view = player.scene.start_view()
         drawn = renderer.render(player.scene, status.seconds, view)
         np.testing.assert_array_equal(drawn.rgba8, renderer.render(scene, status.seconds, view).rgba8)
@@ -320,7 +320,7 @@ class Players(unittest.TestCase):
             with self.assertRaises(stgs.Error) as caught:
                 call()
             self.assertEqual(caught.exception.name, "STGS_ERROR_STATE")
-        for settings in {"fetches": 0}, {"memory_budget": 1}, {"ahead_seconds": math.nan}:
+        for settings in {"max_reads_in_flight": 0}, {"memory_budget": 1}, {"prefetch_seconds": math.nan}:
             with self.assertRaises(stgs.Error):
                 stgs.Player(path("tiny.stgs"), **settings)
         with self.assertRaises(TypeError):

@@ -221,7 +221,7 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   REQUIRE(host.wait_open(handle, camera) == STGS_PLAYER_PAUSED);
   REQUIRE(stgs_player_seek(host.plugin.player(handle), 0.4) == STGS_OK);
   stgs_player_status status{};
-  for (int i = 1; status.settled == 0 && i < 10000; ++i) {
+  for (int i = 1; status.is_complete == 0 && i < 10000; ++i) {
     status.struct_size = sizeof status;
     REQUIRE(stgs_player_update(host.plugin.player(handle), i, &status) == STGS_OK);
     std::this_thread::yield();
@@ -240,7 +240,7 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   // Matrices of floats, multiplied: a rounding here and there.
   CHECK(differing(colour, draw_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
   std::vector<float> expected(std::size_t{view.width} * view.height), got(expected.size());
-  stgs_picture picture = empty_picture();
+  stgs_image picture = empty_picture();
   picture.depth = {expected.data(), 0, expected.size() * sizeof(float)};
   REQUIRE(stgs_render(renderer.get(), scene.get(), 0.4, &view, &picture, 1) == STGS_OK);
   std::memcpy(got.data(), depth.pixels.data(), depth.pixels.size());

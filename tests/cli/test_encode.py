@@ -157,7 +157,7 @@ class Training(Paging):
 
     def test_held_out_views_are_measured_and_change_nothing(self):
         args = self.train("--iterations", "20", "--max-primitives", "300")
-        with_them = self.json_of(*args, "--log", "log.jsonl", "--held-out", "2")
+        with_them = self.json_of(*args, "--log", "log.jsonl", "--num-evals", "2")
         scene = self.read("out.stgs")
         measures = [line for line in self.log("log.jsonl") if "held_out" in line]
         self.assertEqual([line["iteration"] for line in measures], [10, 20])
@@ -166,10 +166,10 @@ class Training(Paging):
         report = self.json_of("evaluate", "out.stgs", "--against", self.fixture("prepared"))
         self.assertAlmostEqual(report["psnr"], with_them["held_out"]["psnr"], 3)
         self.assertAlmostEqual(report["psnr_cc"], with_them["held_out"]["psnr_cc"], 3)
-        shown = self.succeeds(*args, "--held-out", "2", "--progress", "json").stderr.decode()
+        shown = self.succeeds(*args, "--num-evals", "2", "--progress", "json").stderr.decode()
         last = [line for line in shown.splitlines() if '"stage":"train"' in line][-1]
         self.assertRegex(last, r"held-out psnr \d+\.\d\d dB")
-        without = self.json_of(*args, "--held-out", "0")
+        without = self.json_of(*args, "--num-evals", "0")
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
@@ -323,7 +323,7 @@ class Encoding(Paging):
         report = self.json_of("encode", harness.sample(), "-o", "out.stgs", "--scale", "0.25",
                               "--frames", "0:2", "--preset", "fast", "--iterations", "10",
                               "--report", "page")
-        self.assertEqual(report["train"]["held_out"]["pictures"], 2)
+        self.assertEqual(report["train"]["held_out"]["images"], 2)
         self.assertEqual(report["report"], "page")
         self.assertIn("Test cameras, render and truth", self.page("page"))
         self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])

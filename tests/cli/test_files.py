@@ -23,12 +23,12 @@ class TruncatedScene(CliTest):
         """A download that broke off: info and render use what is there, and say so."""
         with open(self.fixture("tiny.stgs"), "rb") as file:
             good = file.read()
-        last = max(s["offset"] + s["bytes"] + s["harmonics_bytes"]
+        last = max(s["offset"] + s["bytes"] + s["sh_bytes"]
                    for s in self.json_of("info", self.fixture("tiny.stgs"))["segments"])
         cut = self.write("cut.stgs", good[:last - 1])
         info = self.json_of("info", cut)
         self.assertEqual(info["missing_bytes"], len(good) - last + 1)
-        self.assertEqual([s["there"] and s["harmonics_there"] for s in info["segments"]].count(False), 1)
+        self.assertEqual([s["available"] and s["sh_available"] for s in info["segments"]].count(False), 1)
         self.assertIn("truncated", self.succeeds("info", cut).stdout.decode())
         checked = self.fails(INVALID, "cut.stgs: 1 error", "validate", cut, "--format", "json")
         issues = json.loads(checked.stdout)["files"][0]["issues"]
@@ -48,8 +48,8 @@ class DamagedSegments(CliTest):
         """Of each segment its records' bytes: primitives, and harmonics or None."""
         for s in self.json_of("info", self.fixture(name))["segments"]:
             base = s["offset"], s["offset"] + s["bytes"]
-            yield base, ((s["harmonics_offset"], s["harmonics_offset"] + s["harmonics_bytes"])
-                         if s["harmonics_bytes"] else None)
+            yield base, ((s["sh_offset"], s["sh_offset"] + s["sh_bytes"])
+                         if s["sh_bytes"] else None)
 
     def damaged(self, name, which):
         """The fixture `name` with a flipped bit in these records: 0 of primitives, 1 of harmonics."""
@@ -75,18 +75,18 @@ class DamagedSegments(CliTest):
             whole = file.read()
         half = self.write("half.stgs", whole[:len(whole) // 2])
         segments = self.json_of("info", half)["segments"]
-        self.assertTrue(all(s["there"] for s in segments))
-        self.assertFalse(any(s["harmonics_there"] for s in segments))
+        self.assertTrue(all(s["available"] for s in segments))
+        self.assertFalse(any(s["sh_available"] for s in segments))
         self.assertIn("without their harmonics", self.succeeds("info", half).stdout.decode())
         report, warnings = self.picture(half, "half.png")
-        self.assertEqual(report["lost"], {"segments": 0, "harmonics": len(segments)})
+        self.assertEqual(report["damaged"], {"segments": 0, "sh": len(segments)})
         self.assertIn("only without their harmonics", warnings)
         self.picture(self.fixture("steady_plain.stgs"), "plain.png")
         self.picture(self.fixture("steady.stgs"), "whole.png")
         self.assert_alike("half.png", "plain.png")
         self.fails(DIFFERS, "dB", "compare", "half.png", "whole.png", "--min-psnr", "60")
-        bench = self.json_of("bench", half, "--pictures", "2")
-        self.assertEqual(bench["lost"], report["lost"])
+        bench = self.json_of("bench", half, "--num-frames", "2")
+        self.assertEqual(bench["damaged"], report["damaged"])
         self.fails(INVALID, "half.stgs: 1 error", "validate", half)
 
     def test_damaged_harmonics_cost_only_themselves(self):
@@ -99,15 +99,15 @@ class DamagedSegments(CliTest):
 
     def test_damage_in_a_recording(self):
         report, warnings = self.picture(self.damaged("live.stgs", 1), "live.png")
-        self.assertGreater(report["lost"]["harmonics"], 0)
-        self.assertEqual(report["lost"]["segments"], 0)
+        self.assertGreater(report["damaged"]["sh"], 0)
+        self.assertEqual(report["damaged"]["segments"], 0)
         self.assertIn("is damaged", warnings)
 
     def test_a_picture_of_nothing_is_an_error(self):
         for scene in ("steady.stgs", "live.stgs"):
             damaged = self.damaged(scene, 0)
             for verb in (["render", damaged, "--time", "0.05", "-o", "out.png"],
-                         ["bench", damaged, "--pictures", "1"]):
+                         ["bench", damaged, "--num-frames", "1"]):
                 self.fails(INVALID, "nothing of what is alive at .* can be read: .*damaged", *verb)
             self.assertFalse(os.path.exists(self.path("out.png")))
 
@@ -117,7 +117,7 @@ class DamagedSegments(CliTest):
         first = next(self.spans("packed.stgs"))[0]
         scene = self.write("one.stgs", flipped(data, sum(first) // 2))
         report, warnings = self.picture(scene, "one.png", 0.15)  # of two segments
-        self.assertEqual(report["lost"], {"segments": 1, "harmonics": 0})
+        self.assertEqual(report["damaged"], {"segments": 1, "sh": 0})
         self.assertIn("1 segment(s) could not be drawn", warnings)
 
 

@@ -61,7 +61,7 @@ class DamagedRecordings(Told):
             self.assertIn("a fragment of the index is damaged", text, verb)
             self.assertRegex(text, r"first seen at 3\.000 to 3\.333 s is lost .*: \d+ bytes", verb)
         info = self.json_of("info", scene)
-        self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost"]], [(3, 3.333)])
+        self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost_fragments"]], [(3, 3.333)])
         self.assertEqual(info["complete_s"], 3)
         self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"lost +from 3\.000 s to 3\.333 s")
         self.write("camera.json", '{"width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8,'
@@ -87,9 +87,9 @@ class DamagedRecordings(Told):
                                            rf"{segment['primitives']} primitives; \d+ bytes, of "
                                            rf"{segment['begin_s']:.3f} to ", verb)
             finished = self.json_of("finalize", scene, "-o", "f.stgs")
-            self.assertEqual(finished["lost"], {"segments": 1, "harmonics": 0})
-            self.assertEqual(self.json_of("convert", scene, "c.stgs")["lost"], finished["lost"])
-            self.assertEqual(self.json_of("pack", scene, "-o", "p.stgs")["lost"], finished["lost"])
+            self.assertEqual(finished["damaged"], {"segments": 1, "sh": 0})
+            self.assertEqual(self.json_of("convert", scene, "c.stgs")["damaged"], finished["damaged"])
+            self.assertEqual(self.json_of("pack", scene, "-o", "p.stgs")["damaged"], finished["damaged"])
             self.fails(INVALID, "error", "validate", "f.stgs")  # it goes on telling
             self.succeeds("validate", "c.stgs", "p.stgs")
             self.assertEqual(self.json_of("info", "c.stgs")["primitives"], 800 - segment["primitives"])
@@ -102,7 +102,7 @@ class DamagedRecordings(Told):
         last = self.json_of("info", self.fixture("recorded.stgs"))["segments"][-1]
         scene = self.write("open.stgs", flipped(whole[:closing], last["offset"] + last["bytes"] // 2))
         report = self.json_of("finalize", scene, "-o", "f.stgs")
-        self.assertEqual(report["lost"]["segments"], 1)
+        self.assertEqual(report["damaged"]["segments"], 1)
         self.assertEqual((report["frames"], report["primitives"]), (3, 400))
         lines = self.warnings("finalize", scene, "-o", "f.stgs")
         self.assertRegex(lines[0], "1 of 2 segments with 400 primitives")
@@ -121,7 +121,7 @@ class DamagedRecordings(Told):
         scene = self.write("hidden.stgs", flipped(whole, second + 1))
         info = self.json_of("info", scene)
         self.assertEqual(info["frames"], 3)
-        self.assertGreater(info["unreached_s"], info["duration_s"])
+        self.assertGreater(info["unreachable_s"], info["duration_s"])
         self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"not shown +up to \S+ s is recorded")
         for verb, lines in self.all_ways(scene).items():
             self.assertRegex(lines[0], r"are left out: up to \S+ s is recorded in them, but a damaged record", verb)
@@ -149,7 +149,7 @@ class PassedOver(Told):
                 self.assertEqual(len(lines), len(parts), (args, lines))
                 for part in parts:
                     self.assertTrue(any(part in line for line in lines), (part, lines))
-        self.assertEqual(self.json_of("convert", self.fixture("tiny.stgs"), "c.stgs")["not_carried"], [])
+        self.assertEqual(self.json_of("convert", self.fixture("tiny.stgs"), "c.stgs")["not_converted"], [])
 
     def test_up_and_floor(self):
         text = "\n".join(self.warnings("convert", self.vector("metres_and_up"), "a.ply", "--time", "0"))

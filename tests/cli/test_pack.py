@@ -39,14 +39,14 @@ class Packing(CliTest):
         self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
         self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
         self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
-        self.assertIsNone(info["sound"])
-        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--sound", "../a.opus", "--sound-at", "-0.5")
+        self.assertIsNone(info["audio"])
+        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--audio", "../a.opus", "--audio-offset", "-0.5")
         self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
-        self.assertEqual(self.json_of("info", "again.stgs")["sound"], {"place": "../a.opus", "begin_s": -0.5})
+        self.assertEqual(self.json_of("info", "again.stgs")["audio"], {"location": "../a.opus", "begin_s": -0.5})
         self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"sound +../a.opus, from -0.500 s")
         self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
                          "where the sound is")
-        self.fails(1, "--sound", "pack", tiny, "-o", "x.stgs", "--sound-at", "1")
+        self.fails(1, "--audio", "pack", tiny, "-o", "x.stgs", "--audio-offset", "1")
         self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
         self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
 
@@ -72,7 +72,7 @@ class Packing(CliTest):
                               prepared)
         held_out = report["held_out"]
         self.assertGreater(held_out["before"]["psnr"], 0)
-        self.assertEqual(held_out["before"]["pictures"], held_out["after"]["pictures"])
+        self.assertEqual(held_out["before"]["images"], held_out["after"]["images"])
         for code, message, scene, against in (
                 (USAGE, "do not belong together", "longer.stgs", prepared),
                 (IO, "none", "tiny.stgs", "none")):

@@ -44,7 +44,7 @@ class Perceptual(CliTest):
         return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast",
                 "--backend", "cpu", "--max-primitives", "100", "--iterations", "6", "--set",
                 "coarse_until=0", *(["--set", "perceptual_patch=16"] if on else []),
-                "--held-out", "0", *more]
+                "--num-evals", "0", *more]
 
     def test_without_a_file_it_is_off(self):
         result = self.succeeds(*self.train("--log", "log.jsonl"))

@@ -13,7 +13,7 @@ class PlayerTable(CliTest):
         script = os.path.join(harness.SOURCE, "tests/bench/player_table.py")
         return subprocess.run(
             [sys.executable, script, self.fixture("steady.stgs"), "--stgs", harness.STGS,
-             "--backend", "cpu", "--scale", "0.02", "--pictures", "2", "--frames", "2",
+             "--backend", "cpu", "--scale", "0.02", "--num-frames", "2", "--frames", "2",
              "--work", "work", *options],
             cwd=self.work, capture_output=True, text=True, timeout=300, check=False)
 

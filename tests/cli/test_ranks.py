@@ -134,7 +134,7 @@ class Ranks(CliTest):
         self.both_fail(USAGE, "process 2 of 2 has another capture or other settings than process 1",
                        first, self.train("--iterations", "60"))
         self.both_fail(USAGE, "process 2 of 2 has another checkpoint, log or measures", first,
-                       self.train("--iterations", "50", "--held-out", "3"))
+                       self.train("--iterations", "50", "--num-evals", "3"))
 
     def test_a_killed_process_takes_the_other_along(self):
         ranks = []

@@ -93,16 +93,16 @@ class Model(CliTest):
 
     def test_more_than_a_file_can_have_is_refused(self):
         self.fails(USAGE, "makes 200001000 primitives of the 200001 of model.stgs, more than",
-                   *self.bench, "--lives", "1000")
+                   *self.bench, "--stored-ratio", "1000")
 
     def test_what_finds_no_room_in_memory_is_told(self):
-        play = [*self.bench, "--lives", "1", "--quality", "80", "--play", "player", "--frames", "3"]
+        play = [*self.bench, "--stored-ratio", "1", "--quality", "80", "--play", "player", "--frames", "3"]
         told = b"has no room in --memory"
         self.assertNotIn(told, self.succeeds(*play).stderr)
         self.assertIn(told, self.succeeds(*play, "--memory", "6").stderr)
 
     def test_it_can_be_stopped_while_the_model_is_made(self):
-        args = [harness.STGS, *self.bench, "--lives", "200"]
+        args = [harness.STGS, *self.bench, "--stored-ratio", "200"]
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
             try:
                 process.wait(1)

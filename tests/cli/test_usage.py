@@ -56,7 +56,7 @@ class Usage(CliTest):
             ("'1,2' is not a colour", [*render, "--time", "0", "--background", "1,2"]),
             ("'1,1,x' is not a colour", [*render, "--time", "0", "--background", "1,1,x"]),
             ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),
-            ("--beside requires --cameras", [*render, "--time", "0", "--beside"]),
+            ("--side-by-side requires --cameras", [*render, "--time", "0", "--side-by-side"]),
             ("--which requires --cameras", [*render, "--time", "0", "--which", "all"]),
             ("--camera(s)? excludes --camera(s)?",
              [*render, "--time", "0", "--camera", "x.json", "--cameras", prepared]),
@@ -68,7 +68,7 @@ class Usage(CliTest):
             ("has no camera 'z'; its cameras are a, b, c",
              [*render, "--time", "0", "--cameras", prepared, "--which", "z"]),
             ("needs a moment that .* has a frame of",
-             [*render, "--time", "0.01", "--cameras", prepared, "--beside"]),
+             [*render, "--time", "0.01", "--cameras", prepared, "--side-by-side"]),
             ("has no start camera; give --camera",
              ["render", self.fixture("no_camera.stgs"), "--time", "0", "-o", "out.png"]),
             ("--every: 0 is out of range", ["evaluate", tiny, "--against", prepared, "--every",
@@ -149,10 +149,10 @@ class Help(CliTest):
         expected = {
             "prepare": "--layout --frames --scale --test-cameras --fps --output",
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
-                     "--frame-memory --frames --window --overlap --part --held-out --ablate --set --log --report --output",
+                     "--frame-memory --frames --window --overlap --window-index --num-evals --ablate --set --log --report --output",
             "pack": "--quality --output",
             "encode": "--layout --frames --preset --iterations --quality --keep-work --output",
-            "render": "--camera --cameras --which --time --frames --size --background --beside "
+            "render": "--camera --cameras --which --time --frames --size --background --side-by-side "
                       "--output",
             "evaluate": "--against --cameras --every",
             "info": "--lifespans",

@@ -27,7 +27,7 @@ class Backends(CliTest):
         self.assertEqual(result.returncode, 0, result.stderr)
         self.succeeds(*draw, "cpu", "-o", "cpu.png")
         self.succeeds("compare", "cpu.png", "vulkan.png", "--min-psnr", "50")
-        drawn = self.json_of("bench", tiny, "--pictures", "2", "--backend", "vulkan")
+        drawn = self.json_of("bench", tiny, "--num-frames", "2", "--backend", "vulkan")
         self.assertEqual(drawn["backend"], "vulkan")
 
 
@@ -109,7 +109,7 @@ class Reading(CliTest):
     def test_evaluate(self):
         report = self.json_of("evaluate", self.fixture("tiny.stgs"), "--against",
                               self.fixture("prepared"), "--cameras", "all")
-        self.assertEqual(report["pictures"], 18)
+        self.assertEqual(report["images"], 18)
         self.assertEqual([v["camera"] for v in report["views"]], ["a", "b", "c"])
         # The truth is this scene's own rendering in 8 bits: what is left is rounding, 1/12 LSB^2.
         self.assertGreater(report["psnr"], 58)
@@ -117,7 +117,7 @@ class Reading(CliTest):
         self.assertGreater(report["ssim"], 0.99)
         some = self.json_of("evaluate", self.fixture("packed.stgs"), "--against",
                             self.fixture("prepared"), "--every", "4")
-        self.assertEqual(some["pictures"], 2)
+        self.assertEqual(some["images"], 2)
         self.assertGreater(some["psnr"], 25)
         self.assertLess(some["psnr"], report["psnr"])
         # Most of what covers the clip has a speed of 1e-6 a frame, which is nothing; the rest moves.
@@ -161,61 +161,61 @@ class Reading(CliTest):
 
     def test_bench(self):
         scene = self.fixture("tiny.stgs")
-        result = self.json_of("bench", scene, "--pictures", "7", "--size", "32x24")
-        for name in ("first", "again"):
+        result = self.json_of("bench", scene, "--num-frames", "7", "--size", "32x24")
+        for name in ("cold", "warm"):
             steps = result[name]["frame_ms"]
             self.assertLessEqual(steps["p50"], steps["p95"])
             self.assertLessEqual(steps["p95"], steps["p99"])
             self.assertAlmostEqual(result[name]["fps"] * steps["p50"], 1000)
         self.assertEqual(result["cameras"], [{"width": 32, "height": 24}])
         self.assertEqual(result["stored"], result["primitives"])
-        moving = self.json_of("bench", scene, "--pictures", "7", "--size", "32x24", "--animate",
+        moving = self.json_of("bench", scene, "--num-frames", "7", "--size", "32x24", "--animate",
                               "--seed", "3")
         self.assertTrue(moving["animated"])
-        self.assertLess(moving["alive"], moving["primitives"])
-        full = self.json_of("bench", scene, "--pictures", "2", "--size", "32x24",
-                            "--full-harmonics", "--backend", "cpu")
-        self.assertTrue(full["full_harmonics"])
-        self.assertEqual(full["again"]["device_ms"]["p99"], 0)
-        packed = self.json_of("bench", scene, "--pictures", "2", "--size", "32x24",
-                              "--full-harmonics", "--quality", "80")
+        self.assertLess(moving["active"], moving["primitives"])
+        full = self.json_of("bench", scene, "--num-frames", "2", "--size", "32x24",
+                            "--full-sh", "--backend", "cpu")
+        self.assertTrue(full["full_sh"])
+        self.assertEqual(full["warm"]["device_ms"]["p99"], 0)
+        packed = self.json_of("bench", scene, "--num-frames", "2", "--size", "32x24",
+                              "--full-sh", "--quality", "80")
         self.assertEqual(packed["quality"], 80)
         self.assertLess(3 * packed["file_bytes"], full["file_bytes"])
         self.fails(USAGE, "--quality is of what --animate, ", "bench", scene, "--quality", "80")
         self.fails(USAGE, "--seed is of what --animate, ", "bench", scene, "--seed", "2")
-        text = self.succeeds("bench", scene, "--pictures", "2").stdout.decode()
+        text = self.succeeds("bench", scene, "--num-frames", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
-        self.fails(USAGE, "--pictures: .*0", "bench", scene, "--pictures", "0")
+        self.fails(USAGE, "--num-frames: .*0", "bench", scene, "--num-frames", "0")
 
     def test_bench_draws_two_eyes(self):
-        args = ["bench", self.fixture("tiny.stgs"), "--pictures", "3", "--size", "32x24",
+        args = ["bench", self.fixture("tiny.stgs"), "--num-frames", "3", "--size", "32x24",
                 "--backend", "cpu"]
         one, two = self.json_of(*args), self.json_of(*args, "--stereo", "0.06")
         self.assertNotIn("stereo", one)
         self.assertEqual(two["stereo"]["eye_distance"], 0.06)
-        times = two["again"]["frame_ms"]["p50"] / two["stereo"]["one_eye"]["frame_ms"]["p50"]
-        self.assertAlmostEqual(two["stereo"]["times_one_eye"], times)
-        self.assertEqual(two["alive"], one["alive"])
-        self.assertGreater(two["drawn"], 1.5 * one["drawn"])
+        times = two["warm"]["frame_ms"]["p50"] / two["stereo"]["one_eye"]["frame_ms"]["p50"]
+        self.assertAlmostEqual(two["stereo"]["ratio_to_one_eye"], times)
+        self.assertEqual(two["active"], one["active"])
+        self.assertGreater(two["rendered"], 1.5 * one["rendered"])
         self.assertIn(b"two eyes take", self.succeeds(*args, "--stereo", "0.06").stdout)
         near = self.json_of(*args, "--stereo", "0.06", "--fovea", "8")
         self.assertEqual((one["fovea"], near["fovea"]), (None, 8))
-        times = near["again"]["frame_ms"]["p50"] / near["stereo"]["one_eye_alike"]["frame_ms"]["p50"]
-        self.assertAlmostEqual(near["stereo"]["times_one_eye_alike"], times)
+        times = near["warm"]["frame_ms"]["p50"] / near["stereo"]["one_eye_foveated"]["frame_ms"]["p50"]
+        self.assertAlmostEqual(near["stereo"]["ratio_to_one_eye_foveated"], times)
 
     def test_bench_tells_steps_where_the_backend_does(self):
         # At once, not after the many pictures of the first pass.
         self.fails(5, "'cpu' does not tell what its steps take", "bench", self.fixture("tiny.stgs"),
-                   "--steps", "--backend", "cpu", "--pictures", "1000000")
+                   "--steps", "--backend", "cpu", "--num-frames", "1000000")
 
     def test_bench_stores_more_than_is_alive(self):
-        args = ["bench", self.fixture("tiny.stgs"), "--pictures", "5", "--size", "32x24"]
-        one, many = (self.json_of(*args, "--lives", n) for n in ("1", "20"))
+        args = ["bench", self.fixture("tiny.stgs"), "--num-frames", "5", "--size", "32x24"]
+        one, many = (self.json_of(*args, "--stored-ratio", n) for n in ("1", "20"))
         self.assertEqual(many["primitives"], 20 * one["primitives"])
         # Some opacities are below what is drawn; some lives are met at their borders.
-        self.assertLessEqual(one["alive"], one["primitives"])
-        self.assertAlmostEqual(many["alive"], one["alive"], delta=0.02 * one["alive"])
-        self.fails(USAGE, "--animate excludes --lives", *args, "--lives", "2", "--animate")
+        self.assertLessEqual(one["active"], one["primitives"])
+        self.assertAlmostEqual(many["active"], one["active"], delta=0.02 * one["active"])
+        self.fails(USAGE, "--animate excludes --stored-ratio", *args, "--stored-ratio", "2", "--animate")
 
     def test_bench_plays_in_order(self):
         scene = self.fixture("tiny.stgs")
@@ -225,27 +225,27 @@ class Reading(CliTest):
                                     "50", "--rate", "2", "--size", "32x24",
                                     "--backend", "cpu")["play"]
                 # Nine frames of 1/30 s at twice their rate.
-                self.assertEqual(play["pictures"], 8)
-                self.assertLessEqual(play["drawing"]["frame_ms"]["p99"], play["longest_ms"])
+                self.assertEqual(play["refreshes"], 8)
+                self.assertLessEqual(play["rendering"]["frame_ms"]["p99"], play["max_ms"])
                 self.assertLessEqual(play["fetch_share"], 1)
-                self.assertEqual(play["lost"], 0)
+                self.assertEqual(play["failed_reads"], 0)
                 if through == "timeline":
                     self.assertEqual(play["incomplete"], 0)
         # No picture of this size is drawn in a ten thousandth of a second by a processor.
         late = self.json_of("bench", scene, "--play", "timeline", "--frames", "1", "--refresh",
                             "10000", "--size", "640x480", "--backend", "cpu")["play"]
-        self.assertEqual(late["missed"], late["pictures"])
+        self.assertEqual(late["missed"], late["refreshes"])
         # Pictures that are far apart are of the same moments through both.
         slow = [self.json_of("bench", self.fixture("longer.stgs"), "--play", through, "--frames",
                              "60", "--refresh", "2.2", "--size", "32x24", "--backend", "cpu",
                              "--stereo", "0.06") for through in ("timeline", "player")]
-        self.assertEqual(slow[0]["alive"], slow[1]["alive"])
+        self.assertEqual(slow[0]["active"], slow[1]["active"])
         self.assertEqual((play["eye_distance"], slow[1]["play"]["eye_distance"]), (None, 0.06))
         text = self.succeeds("bench", scene, "--play", "player", "--frames", "2").stdout.decode()
         self.assertRegex(text, r"2 frames at 1 times their rate, 100 pictures a second: \d of 7 ")
         self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")
-        self.fails(USAGE, "--pictures excludes --play", "bench", scene, "--play", "player",
-                   "--pictures", "9")
+        self.fails(USAGE, "--num-frames excludes --play", "bench", scene, "--play", "player",
+                   "--num-frames", "9")
         self.fails(USAGE, r"are 3\.33e\+10 pictures, more than 10000000", "bench", scene, "--play",
                    "timeline", "--frames", "1000000", "--rate", "0.01", "--refresh", "10000")
         camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
@@ -295,7 +295,7 @@ class Rendering(CliTest):
     def test_a_folder_of_cameras(self):
         report = self.json_of("render", self.fixture("tiny.stgs"), "--frames", "0:", "--cameras",
                               self.fixture("prepared"), "--which", "all", "-o", "out/")
-        self.assertEqual(report["pictures"], 18)
+        self.assertEqual(report["images"], 18)
         self.assertEqual(sorted(os.listdir(self.path("out"))), ["a", "b", "c"])
         self.assertEqual(len(os.listdir(self.path("out", "c"))), 6)
         self.assertGreater(report["peak_memory"], 1 << 20)
@@ -321,7 +321,7 @@ class Rendering(CliTest):
 
     def test_beside_doubles_the_width(self):
         self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "2:3", "--cameras",
-                      self.fixture("prepared"), "--beside", "-o", "both.png")
+                      self.fixture("prepared"), "--side-by-side", "-o", "both.png")
         width, height = (int.from_bytes(self.read("both.png")[i:i + 4], "big") for i in (16, 20))
         self.assertEqual((width, height), (128, 48))
 

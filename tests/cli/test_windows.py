@@ -34,7 +34,7 @@ class Windows(CliTest):
         self.assertEqual(info["window"], {"first_frame": 2, "capture_frames": 6})
         self.assertEqual(info["frames"], 3)
         # The same as a job of an array, and as frames by hand.
-        self.json_of(*self.train("-o", "array", *windows, "--part", "1"))
+        self.json_of(*self.train("-o", "array", *windows, "--window-index", "1"))
         self.assertEqual(os.listdir(self.path("array")), ["000002-000005.stgs"])
         self.succeeds(*self.train("-o", "hand.stgs", "--frames", "2:5"))
         for other in ("array/000002-000005.stgs", "hand.stgs"):
@@ -62,7 +62,7 @@ class Windows(CliTest):
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         # However a window came to be there; and a part of the plan does not make it another.
         self.succeeds(*self.train("-o", "parts/first.stgs", "--frames", "0:4"))
-        for part in ([], ["--part", "1"]):
+        for part in ([], ["--window-index", "1"]):
             self.fails(USAGE, r"first.stgs: is a window \(frames 0:4\) of another plan",
                        *self.train("-o", "parts", "--window", "3", *part))
         os.remove(self.path("parts/first.stgs"))
@@ -70,7 +70,7 @@ class Windows(CliTest):
         self.fails(USAGE, "000003-000006.stgs: is of another capture or was trained with other",
                    *self.train("-o", "parts", "--window", "3", "--set", "lr_time=0.02"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
-        self.succeeds(*self.train("-o", "parts", "--window", "3", "--part", "0"))
+        self.succeeds(*self.train("-o", "parts", "--window", "3", "--window-index", "0"))
         self.assertEqual(len(os.listdir(self.path("parts"))), 2)
 
     def test_reports_in_the_folder_of_the_windows(self):
@@ -89,8 +89,8 @@ class Windows(CliTest):
         prepared = self.fixture("prepared")
         report = self.json_of("evaluate", "part.stgs", "--against", prepared)
         self.assertEqual(report["views"][0]["frames"], 2)
-        self.succeeds("render", "part.stgs", "--cameras", prepared, "--frames", "0:1", "--beside",
-                      "-o", "beside.png")
+        self.succeeds("render", "part.stgs", "--cameras", prepared, "--frames", "0:1", "--side-by-side",
+                      "-o", "side-by-side.png")
         self.fails(USAGE, "between|missing|out of range",
                    *self.train("-o", "x.stgs", "--frames", "4:9"))
 
@@ -146,7 +146,7 @@ class Windows(CliTest):
                 self.fails(code, message, "pack", *inputs, *output)
         for message, options in [
                 ("a window must be longer", ["--window", "2", "--overlap", "2"]),
-                ("--part 3: there are 3 windows, 0 to 2", ["--window", "2", "--part", "3"]),
+                ("--window-index 3: there are 3 windows, 0 to 2", ["--window", "2", "--window-index", "3"]),
                 ("--overlap requires --window", ["--overlap", "1"]),
                 ("excludes", ["--window", "2", "--frames", "0:2"]),
                 ("are for one run", ["--window", "2", "--checkpoint", "c.ckpt"]),

@@ -41,7 +41,7 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
   }
   for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
     Status lost;
-    const auto set = (*reader)->decode_sound(s, lost);
+    const auto set = (*reader)->decode_intact(s, lost);
     if (!set.ok()) {
       out += refusal(fmt::format("segment {} ", s), set.status());
       continue;

@@ -55,7 +55,7 @@ class Meta:  # 4.2
     up: tuple = (0.0, 0.0, 0.0)
     floor: tuple = (0.0, 0.0, 0.0)
     sound: object = ""
-    sound_begin: float = 0.0
+    audio_begin: float = 0.0
     extra: bytes = b""
 
     def payload(self):
@@ -65,7 +65,7 @@ class Meta:  # 4.2
                 struct.pack("<2I9f3f4f", *self.size, *self.rotation, 0, 0, 0, *self.lens) +
                 text(self.generator) + text("") +
                 struct.pack("<7f", self.metres, *self.up, *self.floor) + text(self.sound) +
-                struct.pack("<d", self.sound_begin) + self.extra)
+                struct.pack("<d", self.audio_begin) + self.extra)
 
 
 # Annex A

@@ -68,8 +68,8 @@ def broken_rules():
     must_fail("up_of_length_2", "4.3", "an up vector of length 2",
               plain(meta=Meta(profile=0, up=(0, 2, 0))))
     must_fail("metres_below_0", "4.3", "a unit of -1 m", plain(meta=Meta(profile=0, metres=-1)))
-    for name, about, more in (("sound_too_far", "a sound from moment 2^33 on", dict(sound_begin=2.0 ** 33)),
-                              ("sound_at_no_moment", "a NaN", dict(sound_begin=float("nan"))),
+    for name, about, more in (("sound_too_far", "a sound from moment 2^33 on", dict(audio_begin=2.0 ** 33)),
+                              ("sound_at_no_moment", "a NaN", dict(audio_begin=float("nan"))),
                               ("sound_not_utf8", "its place cut in a character", dict(sound=b"a\xe2\x82")),
                               ("generator_of_surrogates", "U+D800 as UTF-8", dict(generator=b"\xed\xa0\x80"))):
         must_fail(name, "4.3", about, plain(meta=Meta(profile=0, **more)))

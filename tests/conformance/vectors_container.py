@@ -19,7 +19,7 @@ def sound_container():
     vector("metres_and_up", "4.3", "how long a unit is, what is up, where the floor is",
            plain(meta=Meta(profile=0, metres=0.25, up=(0.0, -0.6, 0.8), floor=(0.0, 1.5, 0.0))))
     vector("sound_beside", "4.6", "a sound that begins before the timeline", plain(
-        meta=Meta(profile=0, sound="../sound/st\u00fcck%20eins.opus", sound_begin=-2.5)))
+        meta=Meta(profile=0, sound="../sound/st\u00fcck%20eins.opus", audio_begin=-2.5)))
     seen = Meta(profile=0, size=(640, 480), lens=(500.0, 500.0, 320.0, 240.0),
                 rotation=(0, 0, 1, 0, 1, 0, -1, 0, 0))
     vector("start_camera", "4.3", "a start camera", plain(meta=seen))

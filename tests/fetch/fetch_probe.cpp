@@ -2,7 +2,7 @@
 // Reads ranges of a URL as test_fetch.py asks for, and prints what came of it as JSON.
 //
 // usage: fetch_probe URL SETTINGS OP...
-//   SETTINGS  comma-separated name=value of HttpSettings, e.g. tries=3,stall_seconds=1, or -
+//   SETTINGS  comma-separated name=value of HttpSettings, e.g. max_attempts=3,stall_seconds=1, or -
 //   OP        OFFSET:BYTES  reads;  refresh;  stop:SECONDS:OFFSET:BYTES  reads, stopped after
 //             SECONDS;  all:COUNT  reads the whole file COUNT times at once
 #include <chrono>
@@ -39,11 +39,11 @@ HttpSettings settings_of(const std::string& text) {
     if (at == std::string::npos) continue;
     const std::string name = item.substr(0, at);
     const double value = std::atof(item.c_str() + at + 1);
-    if (name == "connections") s.connections = static_cast<int>(value);
+    if (name == "max_connections") s.max_connections = static_cast<int>(value);
     if (name == "connect_seconds") s.connect_seconds = value;
     if (name == "stall_seconds") s.stall_seconds = value;
-    if (name == "tries") s.tries = static_cast<int>(value);
-    if (name == "back_off_seconds") s.back_off_seconds = value;
+    if (name == "max_attempts") s.max_attempts = static_cast<int>(value);
+    if (name == "backoff_seconds") s.backoff_seconds = value;
     if (name == "head_bytes") s.head_bytes = static_cast<std::uint64_t>(value);
   }
   return s;

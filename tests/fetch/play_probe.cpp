@@ -63,7 +63,7 @@ std::vector<std::uint32_t> alive(Timeline& timeline, double moment) {
   const auto active = timeline.at(moment);
   if (!active.ok()) fail(active.status());
   std::vector<std::uint32_t> ids;
-  for (const auto& part : active->parts) {
+  for (const auto& part : active->segments) {
     for (const std::uint32_t i : *part.candidates) ids.push_back(part.id_base + i);
   }
   return ids;
@@ -115,7 +115,7 @@ class Show {
       if (seen.empty()) out["joined"] = player_.seconds();
       seen.insert(static_cast<int>(3 * player_.seconds() + 1e-6));
       const LiveState live = player_.live();
-      if (live.growing) worst = std::max(worst, live.behind_seconds);
+      if (live.growing) worst = std::max(worst, live.latency_seconds);
       if (player_.state() == PlayerState::kEnded) break;
     }
     out["seen"] = seen;
@@ -130,7 +130,7 @@ class Show {
   void complete() {
     player_.pause();
     const double end = seconds() + kLongestWait;
-    while (seconds() < end && player_.layers() < player_.layers_of_file()) tick(seconds());
+    while (seconds() < end && player_.layers() < player_.layer_count()) tick(seconds());
   }
   Json report(Timeline& local) {
     const StreamStatistics statistics = player_.statistics();
@@ -140,7 +140,7 @@ class Show {
         {"pictures", pictures_},
         {"pictures_ready", ready_},
         {"layers", player_.layers()},
-        {"layers_of_file", player_.layers_of_file()},
+        {"layer_count", player_.layer_count()},
         {"fewest_layers", fewest_},
         {"same", alive(player_.timeline(), player_.seconds()) == alive(local, player_.seconds())},
         {"same_picture",
@@ -180,8 +180,8 @@ class Show {
 PlayerSettings impatient() {
   PlayerSettings settings;
   settings.retry_seconds = 0.1;
-  settings.http.tries = 2;
-  settings.http.back_off_seconds = 0.02;
+  settings.http.max_attempts = 2;
+  settings.http.backoff_seconds = 0.02;
   settings.http.stall_seconds = 1;
   settings.http.head_bytes = 4096;
   return settings;
@@ -189,8 +189,8 @@ PlayerSettings impatient() {
 
 void seek(int argc, char** argv) {
   PlayerSettings settings;
-  settings.fetches = 1;
-  settings.ahead_seconds = 0.1;
+  settings.max_reads_in_flight = 1;
+  settings.prefetch_seconds = 0.1;
   settings.resume_seconds = 0.1;
   settings.http.head_bytes = 4096;
   auto player = Player::open(argv[2], settings);
@@ -203,7 +203,7 @@ void seek(int argc, char** argv) {
     }
     return seconds() - begin;
   };
-  Json out{{"first", wait(8, [&] { return (*player)->settled(); })}, {"took", Json::array()}};
+  Json out{{"first", wait(8, [&] { return (*player)->is_complete(); })}, {"took", Json::array()}};
   (void)wait(0.5, [] { return false; });
   for (int k = 3; k < argc; ++k) {
     if (const Status status = (*player)->seek(std::atof(argv[k])); !status.ok()) fail(status);
@@ -214,7 +214,7 @@ void seek(int argc, char** argv) {
 
 void follow(char** argv) {
   PlayerSettings settings = impatient();
-  settings.live.behind_seconds = 0;
+  settings.live.latency_seconds = 0;
   settings.live.stall_seconds = 1;
   const double begin = seconds();
   auto player = Player::open(argv[2], settings);

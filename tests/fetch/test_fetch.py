@@ -21,7 +21,7 @@ from nginx import Nginx
 
 PROBE, STGS, VECTOR = (os.path.abspath(p) for p in sys.argv[1:4])
 DATA = random.Random(5).randbytes(300_000)
-QUICK = "back_off_seconds=0.01,stall_seconds=1,head_bytes=1000"
+QUICK = "backoff_seconds=0.01,stall_seconds=1,head_bytes=1000"
 
 
 def probe(url, *ops, settings=QUICK):
@@ -99,7 +99,7 @@ class Ranges(unittest.TestCase):
     def test_a_link_that_is_cut_soon_but_brings_something_goes_on(self):
         """However long silence may be: what ends otherwise is not too slow."""
         with FaultyServer(DATA, [{}] + [{"cut": 5000}] * 7) as server:
-            settings = QUICK.replace("stall_seconds=1", "stall_seconds=100") + ",tries=3"
+            settings = QUICK.replace("stall_seconds=1", "stall_seconds=100") + ",max_attempts=3"
             out = probe(server.url, "1000:40000", settings=settings)
             self.reads(out, 0, 1000, 40000)
 
@@ -114,7 +114,7 @@ class Ranges(unittest.TestCase):
 
     def test_tries_have_an_end(self):
         with FaultyServer(DATA, [{}] + [{"status": 503}] * 9) as server:
-            out = probe(server.url, "1000:10", settings=QUICK + ",tries=3")
+            out = probe(server.url, "1000:10", settings=QUICK + ",max_attempts=3")
             self.fails(out, 0, 2, "answers 503 .given up after 3 tries at byte 1000")
             self.assertEqual(len(server.ranges), 4)
             self.assertEqual([e["kind"] for e in out["events"]], ["retry", "retry", "failed"])
@@ -145,7 +145,7 @@ class Ranges(unittest.TestCase):
         with socket.socket() as closed:
             closed.bind(("127.0.0.1", 0))
             url = f"http://127.0.0.1:{closed.getsockname()[1]}/x.stgs"
-            out = probe(url, settings=QUICK + ",tries=2")
+            out = probe(url, settings=QUICK + ",max_attempts=2")
             self.assertEqual(out["open"]["code"], 2)
             self.assertRegex(out["open"]["message"], "given up after 2 tries at byte 0")
 
@@ -153,7 +153,7 @@ class Ranges(unittest.TestCase):
         with socket.create_server(("127.0.0.1", 0)) as mute:  # takes connections, and says nothing
             place = f"https://127.0.0.1:{mute.getsockname()[1]}/scene.stgs"
             with FaultyServer(DATA, [{"redirect": place}]) as server:
-                out = probe(server.url, settings="tries=1,stall_seconds=0.3,connect_seconds=2")
+                out = probe(server.url, settings="max_attempts=1,stall_seconds=0.3,connect_seconds=2")
         self.assertEqual(out["open"]["code"], 2)
         self.assertIn("connection timeout", out["open"]["message"])
 
@@ -204,7 +204,7 @@ class Ranges(unittest.TestCase):
 
     def test_many_readers_share_the_connections(self):
         with FaultyServer(DATA, [{}] + [{"cut": 1000}, {}] * 4) as server:
-            out = probe(server.url, "all:8", settings=QUICK + ",connections=2")
+            out = probe(server.url, "all:8", settings=QUICK + ",max_connections=2")
             for result in out["ops"][0]["result"]:
                 self.assertEqual(result["hex"], DATA.hex())
 
@@ -266,7 +266,7 @@ class Verbs(unittest.TestCase):
                 place = server.url.replace("//", "//who:secret@") + "?key=secret"
                 for args in (["info", place], ["validate", place], ["compare", place, place],
                              ["render", place, "--time", "99", "-o", folder.name + "/a.png"],
-                             ["bench", place, "--pictures", "1", "--backend", "cpu"],
+                             ["bench", place, "--num-frames", "1", "--backend", "cpu"],
                              ["bench", place, "--play", "player", "--frames", "1"]):
                     for how in ("text", "json"):
                         run = self.stgs(*args, "--format", how)

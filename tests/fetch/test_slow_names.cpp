@@ -30,7 +30,7 @@ TEST_CASE("opening is broken off while the name of the server is looked for") {
   HttpSettings settings;
   settings.stop = stop.get_token();
   auto opening = std::async(std::launch::async, [settings] {
-    return open_place("http://slow.example/scene.stgs", settings).ok();
+    return open_location("http://slow.example/scene.stgs", settings).ok();
   });
   asked.wait(false);
   stop.request_stop();

@@ -16,7 +16,7 @@ void look_at(const SceneReader& reader) {
   std::size_t shown = 0;
   for (const SegmentInfo& segment : reader.segments()) {
     primitives += segment.primitives;
-    shown += segment.shown() && segment.begin_ticks <= frames ? 1 : 0;
+    shown += segment.is_shown() && segment.begin_ticks <= frames ? 1 : 0;
     require(segment.begin_ticks >= 0 && segment.end_ticks <= 0x1p32, "a segment is of moments");
     require(segment.offset + segment.bytes <= reader.file_bytes(), "a segment lies in the file");
     require(segment.part < reader.parts().size(), "a segment is of a part that there is");

@@ -180,7 +180,7 @@ struct Calls {
     stgs_scene_settings_defaults(&settings, sizeof settings);
     settings.max_memory = (argument & 1) != 0 ? 1 << 20 : 64 << 20;
     settings.max_primitives = (argument & 2) != 0 ? 100 : 1'000'000;
-    settings.refuse_damage = argument & 4;
+    settings.reject_damage = argument & 4;
     settings.struct_size -= (argument & 8) != 0 ? 4 : 0;
     settings.allocator = allocator();
     settings.log = log();
@@ -272,14 +272,15 @@ struct Calls {
   stgs_result make_player(std::uint8_t argument) {
     using Settings = stgs_player_settings;
     constexpr double Settings::*kSeconds[] = {
-        &Settings::ahead_seconds,      &Settings::resume_seconds,    &Settings::patience_seconds,
-        &Settings::retry_seconds,      &Settings::live_poll_seconds, &Settings::live_behind_seconds,
-        &Settings::live_stall_seconds, &Settings::live_skip_seconds, &Settings::url_stall_seconds,
-        &Settings::url_connect_seconds};
+        &Settings::prefetch_seconds,   &Settings::resume_seconds,
+        &Settings::layer_lead_seconds, &Settings::retry_seconds,
+        &Settings::live_poll_seconds,  &Settings::live_latency_seconds,
+        &Settings::live_stall_seconds, &Settings::live_skip_seconds,
+        &Settings::url_stall_seconds,  &Settings::url_connect_seconds};
     Settings settings;
     stgs_player_settings_defaults(&settings, sizeof settings);
     settings.memory_budget = settings.max_memory = (argument & 1) != 0 ? 1 << 20 : 64 << 20;
-    settings.fetches = (argument & 2) != 0 ? 3 : 1;
+    settings.max_reads_in_flight = (argument & 2) != 0 ? 3 : 1;
     settings.live_follow = (argument & 4) != 0 ? 0 : 1;
     settings.live_poll_seconds = settings.live_stall_seconds = 0;
     settings.allocator = allocator();
@@ -367,7 +368,7 @@ struct Calls {
     status.struct_size = sizeof status + (argument == 255 ? 1 : 0);
     const stgs_result result = stgs_player_update(player, told, &status);
     if (result == STGS_OK) {
-      require(status.layers >= 0 && status.layers <= status.layers_of_file, "layers of the file's");
+      require(status.layers >= 0 && status.layers <= status.layer_count, "layers of the file's");
       require(std::isfinite(status.seconds) && status.seconds >= 0, "a moment of the clip's");
     }
     stgs_player_event event{};
@@ -396,7 +397,7 @@ struct Calls {
     live.struct_size = sizeof live;
     if (stgs_player_get_live(player, &live) == STGS_OK) {
       require(live.growing != 0 || live.edge_seconds == 0, "what does not grow has no edge");
-      require(std::isfinite(live.edge_seconds) && std::isfinite(live.behind_seconds),
+      require(std::isfinite(live.edge_seconds) && std::isfinite(live.latency_seconds),
               "an edge is somewhere");
     }
     stgs_player_statistics statistics{};
@@ -418,13 +419,13 @@ struct Calls {
       require(std::isfinite(view.translation[next % 3]) && view.near_plane > 0, "a view is one");
     }
     Bytes pixels(std::size_t{4} * view.width * view.height);
-    stgs_picture picture;
-    stgs_picture_defaults(&picture, sizeof picture);
+    stgs_image picture;
+    stgs_image_defaults(&picture, sizeof picture);
     picture.rgba8 = {pixels.data(), (next & 0x20) != 0 ? next : 0u, pixels.size()};
     if (next < 0xC0) return stgs_render(renderer, of, number(next), &view, &picture, 1);
     const auto views = of_other_size(view, argument), pictures = of_other_size(picture, next);
     return stgs_render(renderer, of, number(next), reinterpret_cast<const stgs_view*>(views.data()),
-                       reinterpret_cast<const stgs_picture*>(pictures.data()), 1);
+                       reinterpret_cast<const stgs_image*>(pictures.data()), 1);
   }
 
   stgs_result make_renderer(std::uint8_t argument) {

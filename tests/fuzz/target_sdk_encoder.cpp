@@ -334,7 +334,7 @@ class Calls {
           s.log_path = place({nullptr, "", "run.jsonl", "run.ckpt", "out.stgs", "none/x", "empty"});
           break;
         case 12:
-          s.held_out_measures = choices_.count();
+          s.held_out_evaluations = choices_.count();
           break;
         case 13:
           s.frame_memory = choices_.count() * std::uint64_t{choices_.next()};
@@ -398,7 +398,7 @@ class Calls {
       double stgs_pack_settings::*const numbers[] = {
           &stgs_pack_settings::quality,         &stgs_pack_settings::target_kbps,
           &stgs_pack_settings::max_error,       &stgs_pack_settings::chunk_seconds,
-          &stgs_pack_settings::metres_per_unit, &stgs_pack_settings::sound_begin};
+          &stgs_pack_settings::metres_per_unit, &stgs_pack_settings::audio_begin};
       switch (choices_.next() % 8) {
         case 0:
           s.profile = choices_.small();
@@ -415,7 +415,7 @@ class Calls {
           break;
         case 4: {
           static const std::string kLong = "=" + std::string(100'000, 'x');
-          s.sound =
+          s.audio =
               place({nullptr, "", "=music.opus", "=a b", "=\xFF\xC0", "=http://[", kLong.c_str()});
           break;
         }

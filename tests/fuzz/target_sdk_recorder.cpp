@@ -154,7 +154,7 @@ class Calls {
     double stgs_record_settings::*const numbers[] = {
         &stgs_record_settings::quality, &stgs_record_settings::max_error,
         &stgs_record_settings::chunk_seconds, &stgs_record_settings::metres_per_unit,
-        &stgs_record_settings::sound_begin};
+        &stgs_record_settings::audio_begin};
     for (int changes = choices_.next() % 4; changes > 0; --changes) {
       switch (choices_.next() % 8) {
         case 0:
@@ -212,26 +212,26 @@ class Calls {
     stgs_recorder_status status{};
     status.struct_size = sizeof status;
     const bool known = stgs_recorder_get_status(recorder_, &status) == STGS_OK;
-    stgs_stretch s;
-    require(stgs_stretch_defaults(&s, sizeof s) == STGS_OK, "a stretch has defaults");
+    stgs_fragment s;
+    require(stgs_fragment_defaults(&s, sizeof s) == STGS_OK, "a stretch has defaults");
     const std::size_t count = choices_.next() % 64;
     random_.seed(choices_.next());
     constexpr std::uint32_t kFrames[] = {1, 2, 15, 0, 100, 30'000, 1u << 31, UINT32_MAX};
     const std::uint8_t length = choices_.next();
     s.frames = kFrames[length % 3 == 0 ? length / 3 % std::size(kFrames) : length % 3];
-    s.stay_frames = choices_.next() % 4 == 1 ? choices_.of(kFrames) : 0;
+    s.visible_frames = choices_.next() % 4 == 1 ? choices_.of(kFrames) : 0;
     const auto coefficients =
         static_cast<std::size_t>(3 * (status.sh_degree + 1) * (status.sh_degree + 1));
     struct {
       std::size_t floats;
       float least, most;
-      const float* stgs_stretch::*member;
+      const float* stgs_fragment::*member;
     } const arrays[kArrays] = {
-        {3, -3, 3, &stgs_stretch::position},   {3, -1, 1, &stgs_stretch::velocity},
-        {3, 0.001f, 1, &stgs_stretch::scale},  {4, -1, 1, &stgs_stretch::rotation},
-        {1, 0, 1, &stgs_stretch::opacity},     {coefficients, -1, 1, &stgs_stretch::sh},
-        {1, -0.1f, 0.6f, &stgs_stretch::time}, {1, 0.001f, 1, &stgs_stretch::sigma},
-        {1, 0, 1, &stgs_stretch::radius},      {1, 0, 1, &stgs_stretch::importance}};
+        {3, -3, 3, &stgs_fragment::position},   {3, -1, 1, &stgs_fragment::velocity},
+        {3, 0.001f, 1, &stgs_fragment::scale},  {4, -1, 1, &stgs_fragment::rotation},
+        {1, 0, 1, &stgs_fragment::opacity},     {coefficients, -1, 1, &stgs_fragment::sh},
+        {1, -0.1f, 0.6f, &stgs_fragment::time}, {1, 0.001f, 1, &stgs_fragment::sigma},
+        {1, 0, 1, &stgs_fragment::radius},      {1, 0, 1, &stgs_fragment::importance}};
     std::vector<float> values[kArrays];
     const unsigned left_out = choices_.next();  // bits: velocity, rotation, lifespans, importance
     for (std::size_t a = 0; a < kArrays; ++a) {
@@ -245,7 +245,7 @@ class Calls {
     if ((left_out & 0xF0) == 0xF0) s.scale = nullptr;
     s.count = count;
     const std::string before = path_.empty() ? std::string() : read_whole(path_);
-    OtherSize<stgs_stretch> other(s, choices_.next());
+    OtherSize<stgs_fragment> other(s, choices_.next());
     const bool as_other = choices_.next() % 16 == 1;
     const stgs_result result = told(stgs_recorder_append(recorder_, as_other ? other.get() : &s));
     require(known || result != STGS_OK, "there is something to append to");

@@ -56,7 +56,7 @@ inline encoder::DensifyCounts densify_alike(encoder::TrainState& cpu, encoder::T
   const Result<encoder::DensifyCounts> found = cuda_backend().densify(input);
   check(found.status());
   check(cuda_backend().synchronise());
-  CHECK(found->broken == expected->broken);
+  CHECK(found->non_finite == expected->non_finite);
   CHECK(found->cloned == expected->cloned);
   CHECK(found->split == expected->split);
   CHECK(found->removed == expected->removed);

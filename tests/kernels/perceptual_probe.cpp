@@ -51,13 +51,13 @@ Result<double> on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered, 
   cuda::Stream stream;
   STGS_TRY(stream.create());
   cuda::PerceptualStep step;
-  step.picture = picture.on_device();
-  step.truth = true_picture.on_device();
+  step.image = picture.on_device();
+  step.ground_truth = true_picture.on_device();
   step.colour_map = map.on_device();
   step.width = rendered.width;
   step.patch = {0, 0, rendered.width, rendered.height};
   step.weight = 1.0f;
-  step.d_picture = d_picture.on_device();
+  step.d_image = d_picture.on_device();
   step.map_sums = map_sums.on_device();
   STGS_TRY(network->enqueue(step, stream));
   STGS_TRY(stream.wait());
@@ -76,7 +76,7 @@ Result<double> on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered, 
 Status run(int argc, char** argv) {
   if (argc < 7) return usage_error("needs six arguments");
   const int width = std::atoi(argv[2]), height = std::atoi(argv[3]);
-  if (width < kVggSmallest || height < kVggSmallest) return usage_error("too small a picture");
+  if (width < kVggMinSize || height < kVggMinSize) return usage_error("too small a picture");
   const std::string backend = argc > 7 ? argv[7] : "cpu";
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(argv[1]));
   STGS_ASSIGN(const std::shared_ptr<const Vgg16> vgg, read_vgg16(std::move(source)));

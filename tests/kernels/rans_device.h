@@ -57,7 +57,7 @@ struct DeviceGroup {
     std::vector<RansLookup> tables_filled(tables.size());
     for (std::size_t p = 0; p < tables.size(); ++p) rans_lookup(tables[p], tables_filled[p]);
     bytes = OnDevice<std::uint8_t>(stored);
-    blocks = OnDevice<RansBlockPlace>(*places);
+    blocks = OnDevice<RansBlockLocation>(*places);
     lookups = OnDevice<RansLookup>(tables_filled);
     std::vector<std::uint16_t> numbers(tables.size());
     std::iota(numbers.begin(), numbers.end(), std::uint16_t{0});
@@ -75,7 +75,7 @@ struct DeviceGroup {
   }
 
   OnDevice<std::uint8_t> bytes, symbols;
-  OnDevice<RansBlockPlace> blocks;
+  OnDevice<RansBlockLocation> blocks;
   OnDevice<RansLookup> lookups;
   OnDevice<std::uint16_t> table_numbers;
   OnDevice<std::uint32_t> damaged;

@@ -43,7 +43,7 @@ std::unique_ptr<Timeline> timeline_over(const Scene& scene, double chunk_seconds
   check(bytes.status());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   check(reader.status());
-  return Timeline::over(std::move(*reader), "the scene", budget);
+  return Timeline::from_reader(std::move(*reader), "the scene", budget);
 }
 
 // Looks along z from the origin, a little askew, at what scene_fixture.h puts there.
@@ -85,10 +85,10 @@ void check_alike(Timeline& timeline, double seconds, const std::vector<View>& vi
   const auto near = [](std::size_t x, std::size_t y) {
     return std::max(x, y) - std::min(x, y) <= 2 + x / 1000;
   };
-  INFO("alive " << found.alive << " for " << expected.alive << ", drawn " << found.drawn << " for "
-                << expected.drawn);
-  CHECK(near(expected.alive, found.alive));
-  CHECK(near(expected.drawn, found.drawn));
+  INFO("alive " << found.active << " for " << expected.active << ", drawn " << found.splats
+                << " for " << expected.splats);
+  CHECK(near(expected.active, found.active));
+  CHECK(near(expected.splats, found.splats));
 }
 
 bool same(const Frame& a, const Frame& b) {
@@ -212,7 +212,7 @@ TEST_CASE("a scene in which nothing is seen is the background") {
     const auto timeline = timeline_over(scene);
     RenderStats stats;
     const std::vector<Frame> frames = draw(*device, *timeline, 0.5, {view}, &stats);
-    CHECK(stats.drawn == 0);
+    CHECK(stats.splats == 0);
     CHECK(frames[0].colour.plane(0)[7] == view.background.x);
     CHECK(frames[0].colour.plane(2)[40 * 30 - 1] == view.background.z);
     for (const float a : frames[0].alpha.data) REQUIRE(a == 0.0f);
@@ -474,12 +474,11 @@ TEST_CASE("damaged segments are passed over, or refused, as by the CPU") {
   REQUIRE(segments.size() > 6);
   for (std::size_t k = 0; k < segments.size(); k += 3) {
     const SegmentInfo& s = segments[k];
-    const std::uint64_t at = k % 2 == 0 && s.harmonics_bytes > 0
-                                 ? s.harmonics_offset + s.harmonics_bytes / 2
-                                 : s.offset + (s.bytes - s.harmonics_bytes) / 2;
+    const std::uint64_t at = k % 2 == 0 && s.sh_bytes > 0 ? s.sh_offset + s.sh_bytes / 2
+                                                          : s.offset + (s.bytes - s.sh_bytes) / 2;
     (*bytes)[at] ^= 0x55;
   }
-  for (const Damaged damaged : {Damaged::kPassOver, Damaged::kRefuse}) {
+  for (const DamagePolicy damaged : {DamagePolicy::kSkip, DamagePolicy::kReject}) {
     std::vector<Frame> frames[2];
     Status status[2];
     std::size_t losses[2];
@@ -487,14 +486,14 @@ TEST_CASE("damaged segments are passed over, or refused, as by the CPU") {
       auto reader = SceneReader::open(memory_source(*bytes));
       check(reader.status());
       const auto timeline =
-          Timeline::over(std::move(*reader), "the scene", kDefaultMemoryBudget, damaged);
+          Timeline::from_reader(std::move(*reader), "the scene", kDefaultMemoryBudget, damaged);
       const auto renderer = k == 0 ? cpu_renderer() : device_renderer();
       status[k] = renderer->render(*timeline, 1.0, {view_of(120, 80)}, frames[k], nullptr);
-      losses[k] = timeline->losses().size();
+      losses[k] = timeline->segment_damage().size();
     }
     CHECK(status[0].code() == status[1].code());
     CHECK(losses[0] == losses[1]);
-    CHECK((losses[0] > 0) == (damaged == Damaged::kPassOver));
+    CHECK((losses[0] > 0) == (damaged == DamagePolicy::kSkip));
     if (status[0].ok() && status[1].ok()) {
       const FrameDifference d = difference(frames[0][0], frames[1][0]);
       INFO(d.text());
@@ -508,12 +507,12 @@ TEST_CASE("a scene that is still coming is drawn as far as it is there") {
   settings.profile = Profile::kQuantised;
   auto bytes = encode_scene(random_scene(5000, 2, kFrames, 61), settings);
   check(bytes.status());
-  auto player = Player::over(memory_source(std::move(*bytes)));
+  auto player = Player::from_source(memory_source(std::move(*bytes)));
   check(player.status());
   Timeline& timeline = (*player)->timeline();
   const auto device = device_renderer();
   check((*player)->seek(1.0));
-  for (int k = 0; (*player)->layers() < (*player)->layers_of_file(); ++k) {
+  for (int k = 0; (*player)->layers() < (*player)->layer_count(); ++k) {
     REQUIRE(k < 2000);
     draw(*device, timeline, 1.0, {view_of(60, 40)});
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -529,7 +528,7 @@ TEST_CASE("quantised scenes look like the CPU's") {
   check(bytes.status());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   check(reader.status());
-  const auto timeline = Timeline::over(std::move(*reader));
+  const auto timeline = Timeline::from_reader(std::move(*reader));
   check_alike(*timeline, 1.3, {view_of(320, 180)}, *device);
 }
 

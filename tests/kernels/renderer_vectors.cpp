@@ -29,7 +29,7 @@ Box box_at(Timeline& timeline, double seconds) {
   if (!active.ok()) return {};
   constexpr float kFar = 1e30f;
   Box box{{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
-  for (const Timeline::Active::Part& part : active->parts) {
+  for (const Timeline::Active::Segment& part : active->segments) {
     for (const std::uint32_t i : *part.candidates) {
       const float* x = &part.set->position[3 * i];
       const float* u = &part.set->velocity[3 * i];
@@ -103,7 +103,7 @@ TEST_CASE("the files of the conformance suite look like the CPU's, or are refuse
     // A reader may show it or not (spec 6.1), and a GPU that decodes it does.
     if (entry.path().stem() == "planes_checksum") continue;
     const auto open = [&] {
-      return Timeline::open(entry.path().string(), kDefaultMemoryBudget, Damaged::kPassOver);
+      return Timeline::open(entry.path().string(), kDefaultMemoryBudget, DamagePolicy::kSkip);
     };
     auto here = open(), there = open();
     if (!here.ok()) continue;
@@ -114,7 +114,7 @@ TEST_CASE("the files of the conformance suite look like the CPU's, or are refuse
     for (const double share : {0.0, 0.5, 0.9}) {
       draw_alike(**here, **there, share * duration, *cpu, **device, drawn);
     }
-    CHECK((*here)->losses().size() == (*there)->losses().size());
+    CHECK((*here)->segment_damage().size() == (*there)->segment_damage().size());
   }
   std::printf("  %d files, %d pictures, %d of splats, %d moments refused, %.1f dB at least\n",
               drawn.files, drawn.pictures, drawn.with_splats, drawn.refused, drawn.least_psnr);

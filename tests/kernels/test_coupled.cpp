@@ -132,7 +132,7 @@ TEST_CASE("what is drawn of a coupled Gaussian has the conditional's covariance"
     if (run % 2 == 1) g.scale.x *= 1e-3f;
     if (run % 3 == 1) g.scale.y *= 1e-2f;
     const math::Conditional c = math::coupled_conditional(g);
-    const math::CoupledDrawn drawn = math::coupled_drawn(g, kTick);
+    const math::CoupledPrimitive drawn = math::coupled_primitive(g, kTick);
     CAPTURE(run);
     CHECK(drawn.sigma * kTick == Approx(c.sigma).epsilon(1e-5));
     CHECK(drawn.u.y == Approx(c.u.y * kTick).epsilon(1e-5).margin(1e-7));
@@ -192,7 +192,7 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
   StepInput input;
   input.camera = camera;
   input.ticks = 10.3f;
-  input.truth = borrowed_picture(truth, 0);
+  input.ground_truth = borrowed_image(truth, 0);
   input.sh_degree = 1;
   input.modulated = false;
   input.learn_radius = false;

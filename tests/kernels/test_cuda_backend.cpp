@@ -159,7 +159,7 @@ TEST_CASE("the picture is the CPU rasteriser's") {
     run(cuda_backend(), state, c, 1, truths);
     const std::size_t pixels = std::size_t{1} * c.width * c.height;
     std::vector<float> found(4 * pixels);
-    REQUIRE(cudaMemcpy(found.data(), cuda_backend().pipeline().workspace().picture,
+    REQUIRE(cudaMemcpy(found.data(), cuda_backend().pipeline().workspace().image,
                        found.size() * sizeof(float), cudaMemcpyDeviceToHost) == cudaSuccess);
     SplatFrame frame;
     RasterOutput output;
@@ -230,7 +230,7 @@ TEST_CASE("the same steps give the same bits, also where room ran out on the way
     cuda::CudaBackend fresh;
     check(fresh.create());
     run(fresh, second, c, 40, truths);
-    CHECK((fresh.redone() > 0) == (c.primitives == kCrowded.primitives));
+    CHECK((fresh.retried_steps() > 0) == (c.primitives == kCrowded.primitives));
     INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
     CHECK(same_bits(first, second));
   }
@@ -319,7 +319,7 @@ TEST_CASE("densification makes the CPU's decisions") {
       parameters.max_primitives = most;
       const DensifyInput input{&parameters, context, refining, !refining};
       TrainState cpu = before_densification(), gpu = cpu;
-      CHECK(densify_alike(cpu, gpu, input).broken == 6);
+      CHECK(densify_alike(cpu, gpu, input).non_finite == 6);
       for (int a = 0; a < kAttributes; ++a) {
         INFO(kAttributeNames[a]);
         CHECK(cpu.moments[a].first == gpu.moments[a].first);
@@ -340,7 +340,7 @@ TEST_CASE("densification makes the CPU's decisions") {
 }
 
 TEST_CASE("pictures that do not fit come in turn") {
-  cuda::TruthCache cache;
+  cuda::GroundTruthCache cache;
   cuda::Stream stream;
   check(stream.create());
   const Case c{0, 64, 48, 0, {}};
@@ -350,7 +350,7 @@ TEST_CASE("pictures that do not fit come in turn") {
   for (std::uint64_t k = 0; k < 40; ++k) {
     const std::size_t which = k * 7 % truths.size();
     const Image8& truth = truths[which];
-    Picture picture = borrowed_picture(truth, which);
+    TrainingImage picture = borrowed_image(truth, which);
     picture.use = k;
     picture.next_use = k % 5 == 4 ? kNeverUsed : k + truths.size();
     const Result<const std::uint8_t*> bytes = cache.acquire(picture, stream);

@@ -46,7 +46,7 @@ std::size_t check_alike(TrainState state, int width, int height) {
   std::printf("importance of %zu primitives, %dx%d: %.2e\n", state.size(), width, height, wrong);
   CHECK(wrong <= 2e-5);
   CHECK(weigh(backend, state, views) == found);
-  return backend.instances_seen();
+  return backend.max_recent_instances();
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ namespace {
 class HostExchange final : public cuda::RankExchange {
  public:
   explicit HostExchange(Ranks& ranks) : ranks_(ranks) {}
-  Status gather(void* blocks, std::size_t bytes, cudaStream_t stream) override {
+  Status all_gather(void* blocks, std::size_t bytes, cudaStream_t stream) override {
     const auto size = static_cast<std::size_t>(ranks_.size());
     std::vector<std::uint8_t> own(bytes), all(bytes * size);
     auto* device = static_cast<std::uint8_t*>(blocks);
@@ -28,7 +28,7 @@ class HostExchange final : public cuda::RankExchange {
         cudaMemcpyAsync(own.data(), device + rank * bytes, bytes, cudaMemcpyDeviceToHost, stream),
         "reading a block"));
     STGS_TRY(cuda::cuda_status(cudaStreamSynchronize(stream), "reading a block"));
-    STGS_TRY(ranks_.gather(own.data(), bytes, all.data()));
+    STGS_TRY(ranks_.all_gather(own.data(), bytes, all.data()));
     STGS_TRY(cuda::cuda_status(
         cudaMemcpyAsync(device, all.data(), all.size(), cudaMemcpyHostToDevice, stream),
         "writing the blocks"));
@@ -118,7 +118,7 @@ Outcome run(const Case& c, bool on_cuda) {
       status = backend.create();
       if (status.ok()) status = backend.join(ranks, std::make_unique<HostExchange>(ranks));
       if (status.ok()) status = steps(backend);
-      outcome.redone[r] = backend.redone();
+      outcome.redone[r] = backend.retried_steps();
     } else {
       const auto backend = make_cpu_backend();
       status = backend->join(ranks);

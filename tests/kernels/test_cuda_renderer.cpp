@@ -6,8 +6,9 @@
 namespace stgs::testing {
 
 Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTest& settings) {
-  return player::make_cuda_renderer(
-      {.graph = !settings.variant, .splats = settings.instances, .instances = settings.instances});
+  return player::make_cuda_renderer({.use_graph = !settings.variant,
+                                     .initial_splats = settings.instances,
+                                     .initial_instances = settings.instances});
 }
 
 }  // namespace stgs::testing

@@ -58,7 +58,7 @@ std::vector<std::uint64_t> order_of(std::size_t views, int epochs, int level) {
   return ids;
 }
 
-void check_picture(const Result<Picture>& picture, std::uint64_t id) {
+void check_picture(const Result<TrainingImage>& picture, std::uint64_t id) {
   REQUIRE(picture.ok());
   CHECK(picture->id == id);
   const Image8 full = picture_of(id / 2);
@@ -139,7 +139,7 @@ TEST_CASE("a picture outlives its place in the store") {
   REQUIRE(store.start().ok());
   const std::vector<std::uint64_t> ids = order_of(8, 3, 0);
   store.announce(ids);
-  std::vector<Result<Picture>> held;
+  std::vector<Result<TrainingImage>> held;
   for (const std::uint64_t id : ids) held.push_back(store.acquire(id));
   for (std::size_t i = 0; i < ids.size(); ++i) check_picture(held[i], ids[i]);
   CHECK(store.statistics().peak >= 8 * kFull);  // each of the views was held, whatever the budget
@@ -170,7 +170,7 @@ TEST_CASE("a frame that cannot be read is told of when its step comes") {
     REQUIRE(started.ok());
     store.announce({0, 2, 4, 14, 6});
     for (const std::uint64_t id : {0, 2, 4}) check_picture(store.acquire(id), id);
-    const Result<Picture> broken = store.acquire(14);
+    const Result<TrainingImage> broken = store.acquire(14);
     CHECK(broken.status().code() == StatusCode::kInvalidFile);
     CHECK(broken.status().message() == "frames/7.png: is damaged");
     check_picture(store.acquire(6), 6);

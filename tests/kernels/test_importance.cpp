@@ -9,7 +9,7 @@
 #include "importance_scene.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/raster.h"
-#include "train/weigh.h"
+#include "train/compute_importance.h"
 #include "train_scene.h"
 
 using namespace stgs;
@@ -66,13 +66,13 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
   OddBackend failing([] { return runtime_error("the GPU is gone"); });
   OddBackend throwing([]() -> Status { throw std::length_error("too many tiles"); });
   const auto cpu = make_cpu_backend();
-  CHECK(weigh_primitives(failing, *cpu, state, views, always, log) ==
+  CHECK(compute_importance(failing, *cpu, state, views, always, log) ==
         view_importance(state.set, views, always));
   CHECK(told == std::vector<std::string>{
                     "the primitives are weighed once more, on the CPU: the GPU is gone"});
 
   told.clear();
-  const auto none = weigh_primitives(failing, throwing, state, views, always, log);
+  const auto none = compute_importance(failing, throwing, state, views, always, log);
   REQUIRE(none.has_value());
   CHECK(none->empty());
   REQUIRE(told.size() == 2);
@@ -80,10 +80,10 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
         "the primitives are not weighed, so that pack goes by their sizes: too many tiles");
 
   told.clear();
-  CHECK_FALSE(weigh_primitives(
+  CHECK_FALSE(compute_importance(
       *cpu, *cpu, state, views, [](double) { return false; }, log));
   const auto throws = [](double) -> bool { throw std::runtime_error("the window is closed"); };
-  CHECK_THROWS_WITH(weigh_primitives(*cpu, *cpu, state, views, throws, log),
+  CHECK_THROWS_WITH(compute_importance(*cpu, *cpu, state, views, throws, log),
                     "the window is closed");
   CHECK(told.empty());
 }

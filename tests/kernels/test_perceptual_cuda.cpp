@@ -104,13 +104,13 @@ Outcome on_gpu(cuda::PerceptualNetwork& network, const Pictures& p, const Patch&
   cuda::Stream stream;
   check(stream.create());
   cuda::PerceptualStep step;
-  step.picture = device_picture.data();
-  step.truth = truth.data();
+  step.image = device_picture.data();
+  step.ground_truth = truth.data();
   step.colour_map = map.data();
   step.width = p.rendered.width;
   step.patch = patch;
   step.weight = kWeight;
-  step.d_picture = d_picture.data();
+  step.d_image = d_picture.data();
   step.map_sums = map_sums.data();
   step.map_stride = 2;
   check(network.enqueue(step, stream));

@@ -69,7 +69,7 @@ TEST_CASE("broken headers are refused before anything is read by them") {
   refused(open(Bytes(8)), "not a JSON object");
   refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "needs 100 bytes of 2");
   refused(open(Bytes(16, 0xff)), "needs 18446744073709551615 bytes of 8");
-  refused(open(std::string(kSafetensorsHeaderLimit + 1, ' '), 0), "are more than");
+  refused(open(std::string(kMaxSafetensorsHeader + 1, ' '), 0), "are more than");
   for (const char* header : {"[]", "{", "{\"a\":}", "\"text\"", "{\"\xff\":1}"})
     refused(open(header, 0), "not a JSON object");
   refused(open(std::string(100000, '['), 0), "not a JSON object");

@@ -167,7 +167,7 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
     const float f = math::lifespan_modulation(state.set.sigma[i], state.set.radius[i]);
     state.log_sigma[i] += 1.5f;
     state.set.radius[i] += 2.0f;
-    state.settle(i, f, true, {0.0f, 0.0f, 0.0f});
+    state.damp(i, f, true, {0.0f, 0.0f, 0.0f});
     state.derive(i, true);
     CHECK(state.set.sigma[i] == Approx(std::exp(state.log_sigma[i])));
   }
@@ -177,30 +177,30 @@ TEST_CASE("a lifespan that changes leaves the motion as it is") {
 }
 
 TEST_CASE("what lives long loses speed with each step, down to rest; what lives short keeps it") {
-  const math::SettleRules rules{25.0f, 0.5f, 0.0f};
+  const math::DampingRules rules{25.0f, 0.5f, 0.0f};
   const math::Vec3 v{0.0f, 1.5f, -2.0f};  // 2.5 long
-  const math::Vec3 brief = math::settled_velocity(v, 2.0f, 10.0f, 0.0f, rules);
+  const math::Vec3 brief = math::damped_velocity(v, 2.0f, 10.0f, 0.0f, rules);
   CHECK(brief.y == Approx(3.0f));
   CHECK(brief.z == Approx(-4.0f));
-  const math::Vec3 slower = math::settled_velocity(v, 1.0f, 11.0f, 0.0f, rules);
+  const math::Vec3 slower = math::damped_velocity(v, 1.0f, 11.0f, 0.0f, rules);
   CHECK(slower.x == 0.0f);
   CHECK(slower.y == Approx(1.2f));
   CHECK(slower.z == Approx(-1.6f));
-  const math::Vec3 still = math::settled_velocity({0.3f, 0.0f, 0.4f}, 1.0f, 11.0f, 0.0f, rules);
+  const math::Vec3 still = math::damped_velocity({0.3f, 0.0f, 0.4f}, 1.0f, 11.0f, 0.0f, rules);
   CHECK(math::dot3(still, still) == 0.0f);
   // A flat top of 20 ticks with steep sides is gone where a sigma of 20 would still be seen.
-  const math::Vec3 flat = math::settled_velocity(v, 1.0f, 1.0f, 20.0f, rules);
+  const math::Vec3 flat = math::damped_velocity(v, 1.0f, 1.0f, 20.0f, rules);
   CHECK(flat.y == Approx(1.5f));
-  CHECK(math::settled_velocity(v, 1.0f, 3.0f, 20.0f, rules).y == Approx(1.2f));
+  CHECK(math::damped_velocity(v, 1.0f, 3.0f, 20.0f, rules).y == Approx(1.2f));
 }
 
 TEST_CASE("what flew by and then came to live long is at rest after a few hundred steps") {
-  const math::SettleRules rules{19.0f, 5e-4f, 0.0625f};
+  const math::DampingRules rules{19.0f, 5e-4f, 0.0625f};
   math::Vec3 v{0.0f, 110.0f, 0.0f};  // .2 units a frame at a sigma of 23 frames
-  for (int step = 0; step < 300; ++step) v = math::settled_velocity(v, 1.0f, 23.0f, 0.0f, rules);
+  for (int step = 0; step < 300; ++step) v = math::damped_velocity(v, 1.0f, 23.0f, 0.0f, rules);
   CHECK(v.y == 0.0f);
   const math::Vec3 kept =
-      math::settled_velocity({0, 110.0f, 0}, 1.0f, 23.0f, 0.0f, {19.0f, 0.0f, 0.0625f});
+      math::damped_velocity({0, 110.0f, 0}, 1.0f, 23.0f, 0.0f, {19.0f, 0.0f, 0.0625f});
   CHECK(kept.y == 110.0f);
 }
 
@@ -209,9 +209,9 @@ TEST_CASE("without the modulation v is the motion, and settles by the lifespan a
   state.log_sigma = {std::log(3.0f), std::log(40.0f)};
   state.set.radius = {0.0f, 0.0f};
   state.velocity = {0.3f, 0.0f, 0.4f, 0.3f, 0.0f, 0.4f};
-  const math::SettleRules rules{50.0f, 0.25f, 0.0f};
+  const math::DampingRules rules{50.0f, 0.25f, 0.0f};
   for (std::size_t i = 0; i < 2; ++i) {
-    state.settle(i, 7.0f, false, rules);
+    state.damp(i, 7.0f, false, rules);
     state.derive(i, false);
   }
   CHECK(state.set.velocity == FloatArray{0.3f, 0.0f, 0.4f, 0.15f, 0.0f, 0.2f});
@@ -327,13 +327,13 @@ TEST_CASE("a primitive that is not a number any more does not cost the run") {
   std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);
   TrainState refined = state;
   refined.set.position[3 * 4 + 1] = std::nanf("");
-  CHECK(replace(refined, parameters, {}).broken == 1);
+  CHECK(replace(refined, parameters, {}).non_finite == 1);
   CHECK(std::isfinite(refined.set.position[3 * 4 + 1]));
   state.velocity[3 * 7] = INFINITY;
-  CHECK(grow(state, parameters, {}).broken == 1);
+  CHECK(grow(state, parameters, {}).non_finite == 1);
   CHECK(state.size() == 19);
   state.log_sigma[2] = std::nanf("");
-  CHECK(remove_broken(state) == 1);
+  CHECK(remove_non_finite(state) == 1);
   CHECK(state.size() == 18);
 }
 
@@ -446,14 +446,14 @@ TEST_CASE("a control group's cached files are free memory, its shared memory is 
     std::ofstream(root / name / "memory.stat") << statistics;
   };
   group("job", "1000", 700, "anon 300\nfile 400\nshmem 150\n");
-  CHECK(group_room(root, "job") == 550);
+  CHECK(cgroup_available_memory(root, "job") == 550);
   group("job", "1000", 700, "anon 300\nfile 400\n");
-  CHECK(group_room(root, "job") == 700);
+  CHECK(cgroup_available_memory(root, "job") == 700);
   group("job/step", "max", 600, "file 400\nshmem 0\n");
-  CHECK(group_room(root, "job/step") == 700);
+  CHECK(cgroup_available_memory(root, "job/step") == 700);
   group("job/step", "100", 200, "file 50\nshmem 90\n");
-  CHECK(group_room(root, "job/step") == 0);
-  CHECK(group_room(root, "elsewhere") == ~std::uint64_t{0});
+  CHECK(cgroup_available_memory(root, "job/step") == 0);
+  CHECK(cgroup_available_memory(root, "elsewhere") == ~std::uint64_t{0});
 }
 
 TEST_CASE("a capture with its cameras in another order, or one less, is another") {
@@ -481,11 +481,12 @@ TEST_CASE("a capture whose pictures have been replaced is another") {
     std::filesystem::create_directories(path.parent_path());
     std::ofstream(path) << "picture " << frame;
   }
-  const Fingerprint before = pictures_of(capture);
-  CHECK(check_same_run("k", before, pictures_of(capture)).ok());
+  const Fingerprint before = image_fingerprint(capture);
+  CHECK(check_same_run("k", before, image_fingerprint(capture)).ok());
   std::ofstream(capture.frame_path(capture.cameras[0], 1)) << "another picture";
-  CHECK(check_same_run("k", before, pictures_of(capture)).message().find("pictures of camera a") !=
-        std::string::npos);
+  CHECK(check_same_run("k", before, image_fingerprint(capture))
+            .message()
+            .find("pictures of camera a") != std::string::npos);
 }
 
 TEST_CASE("what differs between two runs is named, with both values") {
@@ -542,7 +543,7 @@ TEST_CASE("rates of 0 and stages of no length leave every setting a number") {
     set_schedule(parameters, capture, share, false, input);
     CHECK(input.rates[kPosition] == 0.0f);
     CHECK(input.rates[kVelocity] == 0.0f);
-    CHECK(input.settle.shrink == 0.0f);
+    CHECK(input.damping.shrink == 0.0f);
     CHECK(input.sh_degree == parameters.sh_degree);
     const DensifyPlan plan = densify_plan(parameters, {}, share, true);
     CHECK(plan.second_stage);
@@ -557,14 +558,15 @@ TEST_CASE("what moves is not brought to rest for filling a clip that is short") 
     capture.frames = frames;
     StepInput input;
     set_schedule(parameters, capture, 0.5, false, input);
-    CHECK(input.settle.still == Approx(seen / 2));
+    CHECK(input.damping.half_width == Approx(seen / 2));
     const auto first = static_cast<float>(parameters.sigma_dynamic);
-    CHECK(input.settle.still > math::support_half_width(1.0f, first, 0.0f, math::kAlphaThreshold));
+    CHECK(input.damping.half_width >
+          math::support_half_width(1.0f, first, 0.0f, math::kAlphaThreshold));
   }
 }
 
 TEST_CASE("a plan without cameras is for pictures that every term of the loss can take") {
   const TrainPlan plan = train_plan({}, {}, {});
-  CHECK(plan.width >= kVggSmallest);
-  CHECK(plan.height >= kVggSmallest);
+  CHECK(plan.width >= kVggMinSize);
+  CHECK(plan.height >= kVggMinSize);
 }

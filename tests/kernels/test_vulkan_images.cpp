@@ -36,7 +36,7 @@ std::unique_ptr<Timeline> timeline_over(const Scene& scene) {
   check(bytes.status());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   check(reader.status());
-  return Timeline::over(std::move(*reader));
+  return Timeline::from_reader(std::move(*reader));
 }
 
 View view_of(std::uint32_t width = kWidth, std::uint32_t height = kHeight) {
@@ -61,7 +61,7 @@ Frame reference(Timeline& timeline, double seconds, const View& view) {
 
 std::unique_ptr<VulkanRenderer> renderer_on(const VulkanHost& host, std::uint64_t instances = 0) {
   VulkanSettings settings;
-  settings.instances = instances;
+  settings.initial_instances = instances;
   auto renderer = make_vulkan_renderer(host.device(), settings);
   check(renderer.status());
   return std::move(*renderer);
@@ -73,7 +73,7 @@ VulkanImage given(const HostImage& image) {
   out.format = image.format;
   out.width = image.width;
   out.height = image.height;
-  out.after = kReadable;
+  out.final_layout = kReadable;
   return out;
 }
 
@@ -229,10 +229,10 @@ TEST_CASE("images of every format have the CPU's picture") {
     const auto d = difference(expected, host().read(image, kReadable, layout.bytes), layout);
     CHECK(d.psnr >= 50);
     CHECK(d.alpha <= (layout.format == VK_FORMAT_A2B10G10R10_UNORM_PACK32 ? 0.17 : 0.004));
-    const VulkanFrame frame = *renderer->last_ended();
-    CHECK(frame.whole);
-    CHECK(frame.stats.drawn > 0);
-    CHECK(frame.stats.alive >= frame.stats.drawn);
+    const VulkanFrame frame = *renderer->last_completed();
+    CHECK(frame.complete);
+    CHECK(frame.stats.splats > 0);
+    CHECK(frame.stats.active >= frame.stats.splats);
   }
 }
 
@@ -279,7 +279,7 @@ TEST_CASE("a frame waits for its semaphores, and its caller for nothing") {
   const auto before = host().read(image, kReadable, 4);
   const VkSemaphore free = host().make_timeline(3), ready = host().make_timeline(0);
   VulkanSubmission to = into(image);
-  to.targets[0].colour.before = kReadable;
+  to.targets[0].colour.initial_layout = kReadable;
   to.wait = {{free, 5}};
   to.signal = {{ready, 9}};
   const auto number = renderer->submit(*timeline, kMoment, {view_of()}, to);
@@ -287,11 +287,11 @@ TEST_CASE("a frame waits for its semaphores, and its caller for nothing") {
   CHECK(*number == 2);
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   CHECK(host().value_of(ready) == 0);
-  CHECK(renderer->last_ended()->number == 1);
+  CHECK(renderer->last_completed()->number == 1);
   host().signal(free, 5);
   check(renderer->wait());
   CHECK(host().value_of(ready) == 9);
-  CHECK(renderer->last_ended()->number == 2);
+  CHECK(renderer->last_completed()->number == 2);
   CHECK(psnr(reference(*timeline, kMoment, view_of()), host(), image) >= 50);
   CHECK(host().read(image, kReadable, 4) != before);
 }
@@ -308,9 +308,9 @@ TEST_CASE("many frames on their way draw what each was asked for") {
                                          {view_of(width, kHeight)}, into(images.back()));
     check(number.status());
     CHECK(*number == k + 1);
-    const std::uint64_t ended = renderer->last_ended()->number;
+    const std::uint64_t ended = renderer->last_completed()->number;
     CHECK(ended <= *number);
-    CHECK(ended + VulkanRenderer::kFramesOnTheWay >= *number);
+    CHECK(ended + VulkanRenderer::kMaxFramesInFlight >= *number);
   }
   for (std::size_t k = 0; k < images.size(); ++k) {
     INFO("frame " << k + 1);
@@ -318,7 +318,7 @@ TEST_CASE("many frames on their way draw what each was asked for") {
     CHECK(psnr(reference(*timeline, 0.2 * static_cast<double>(k), view), host(), images[k]) >= 50);
   }
   check(renderer->wait());
-  CHECK(renderer->last_ended()->number == images.size());
+  CHECK(renderer->last_completed()->number == images.size());
   // draw() and read() go on beside it.
   std::vector<Frame> frames;
   check(renderer->render(*timeline, kMoment, {view_of()}, frames, nullptr));
@@ -340,7 +340,7 @@ TEST_CASE("segments come and go while frames that use them are on their way") {
   check(bytes.status());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   check(reader.status());
-  const auto tight = Timeline::over(std::move(*reader), "the scene", 600'000);
+  const auto tight = Timeline::from_reader(std::move(*reader), "the scene", 600'000);
   std::vector<HostImage> images;
   std::vector<double> moments;
   for (int k = 0, i = 11; k < 30; ++k, i = (i + 37) % 60) {
@@ -349,7 +349,7 @@ TEST_CASE("segments come and go while frames that use them are on their way") {
     check(renderer->submit(*tight, moments.back(), {view_of()}, into(images.back())).status());
   }
   check(renderer->wait());
-  CHECK(renderer->last_ended()->stats.stored < scene.gaussians.size());
+  CHECK(renderer->last_completed()->stats.stored < scene.gaussians.size());
   for (std::size_t k = 0; k < images.size(); ++k) {
     INFO("moment " << moments[k]);
     CHECK(psnr(reference(*ample, moments[k], view_of()), host(), images[k]) >= 50);
@@ -371,7 +371,7 @@ TEST_CASE(
   for (int k = 0; k < 2; ++k) {
     check(renderer->submit(*timeline, kMoment, {view_of()}, into(image)).status());
     check(renderer->wait());
-    CHECK(renderer->last_ended()->whole == (k == 1));
+    CHECK(renderer->last_completed()->complete == (k == 1));
     const double now = psnr(expected, host(), image);
     if (k == 0) {
       // Not the background alone.
@@ -408,7 +408,7 @@ TEST_CASE("what a submission lacks is told, and nothing is submitted") {
   to.targets[0].depth = given(image);
   refused(to, StatusCode::kUsage, "depth");
   to = into(image);
-  to.targets[0].colour.after = VK_IMAGE_LAYOUT_UNDEFINED;
+  to.targets[0].colour.final_layout = VK_IMAGE_LAYOUT_UNDEFINED;
   refused(to, StatusCode::kUsage, "layout");
   to = into(image);
   to.wait = {{VK_NULL_HANDLE, 1}};
@@ -416,7 +416,7 @@ TEST_CASE("what a submission lacks is told, and nothing is submitted") {
   CHECK(renderer->submit(*timeline, NAN, {view_of()}, into(image)).status().code() ==
         StatusCode::kUsage);
   check(renderer->wait());
-  CHECK(renderer->last_ended()->number == 0);
+  CHECK(renderer->last_completed()->number == 0);
 }
 
 TEST_CASE("a device that cannot be used is refused with what it lacks") {

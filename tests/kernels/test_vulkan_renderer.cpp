@@ -28,8 +28,8 @@ std::vector<std::string>& messages() {
 
 player::VulkanSettings settings_of(const UnderTest& under_test) {
   player::VulkanSettings settings;
-  settings.instances = under_test.instances;
-  settings.ballot = !under_test.variant;
+  settings.initial_instances = under_test.instances;
+  settings.use_ballot = !under_test.variant;
   if (under_test.variant) settings.block_bytes = 150'000;
   settings.on_message = [](const std::string& message) { messages().push_back(message); };
   return settings;
@@ -52,7 +52,7 @@ TEST_CASE("after a frame for which there is no room others are drawn as before")
   REQUIRE(bytes.ok());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   REQUIRE(reader.ok());
-  const auto timeline = player::Timeline::over(std::move(*reader), "the scene");
+  const auto timeline = player::Timeline::from_reader(std::move(*reader), "the scene");
   player::View view{};
   view.camera =
       math::PinholeCamera{{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 3}, 90, 90, 50, 40, 100, 80, 0.1f};

@@ -29,7 +29,7 @@ class ThreadRanks final : public encoder::Ranks {
   int size() const override { return table_.size; }
   int node_rank() const override { return rank_; }
   int node_size() const override { return table_.size; }
-  Status gather(const void* own, std::size_t bytes, void* all) override {
+  Status all_gather(const void* own, std::size_t bytes, void* all) override {
     table_.given[static_cast<std::size_t>(rank_)] = own;
     table_.together.arrive_and_wait();
     for (std::size_t r = 0; bytes > 0 && r < table_.given.size(); ++r) {
@@ -38,7 +38,7 @@ class ThreadRanks final : public encoder::Ranks {
     table_.together.arrive_and_wait();
     return {};
   }
-  Status others() override { return {}; }
+  Status check_peers() override { return {}; }
 
  private:
   Table& table_;

@@ -68,12 +68,12 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   encoder::StepInput input;
   input.camera = camera;
   input.ticks = ticks;
-  input.truth = encoder::borrowed_picture(truth, reinterpret_cast<std::uintptr_t>(&truth));
+  input.ground_truth = encoder::borrowed_image(truth, reinterpret_cast<std::uintptr_t>(&truth));
   input.background = {0.3f, 0.1f, 0.6f};
   input.drop_share = 0.1f;
   input.drop_random = encoder::Random(3, 7, encoder::RandomPurpose::kDrop);
   input.sh_degree = sh_degree;
-  input.settle = {12.0f, 3e-4f, 0.02f};
+  input.damping = {12.0f, 3e-4f, 0.02f};
   input.second_stage = true;
   input.gather_statistics = true;
   input.rates = {1e-4f, 5e-3f, 1e-3f, 2e-2f, 1e-4f, 1e-2f, 1e-3f, 5e-3f, 1e-2f};

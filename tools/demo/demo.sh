@@ -28,9 +28,9 @@ run "$stgs" validate "$out/workshop.stgs"
 
 step "render $camera, which training has not seen, with the truth to its right"
 run "$stgs" render "$out/workshop.stgs" --cameras "$out/work/prepared" --which "$camera" \
-  --frames "$frame:$((frame + 1))" --beside -o "$out/beside.png"
+  --frames "$frame:$((frame + 1))" --side-by-side -o "$out/side-by-side.png"
 run "$stgs" render "$out/workshop.stgs" --cameras "$out/work/prepared" --which "$camera" \
-  --frames 0: --beside -o "$out/beside.mp4"
+  --frames 0: --side-by-side -o "$out/side-by-side.mp4"
 
 step "evaluate on $camera"
 "$stgs" evaluate "$out/workshop.stgs" --against "$out/work/prepared" --cameras "$camera" \
@@ -48,5 +48,5 @@ primitives = json.load(open(f"{out}/info.json"))["primitives"]
 print(f"PSNR   {scores['psnr']:.2f} dB on {camera} (SSIM {scores['ssim']:.3f}), held out of training")
 print(f"size   {size} bytes, {primitives} primitives, {size / primitives:.1f} bytes each")
 print(f"time   {seconds} s")
-print(f"look   {out}/beside.png, {out}/beside.mp4: left the render, right the truth")
+print(f"look   {out}/side-by-side.png, {out}/side-by-side.mp4: left the render, right the truth")
 PYTHON

@@ -50,14 +50,14 @@ class PlayerPlayback final : public MeasuredPlayback {
   Result<double> advance(double passed) override {
     if (player_->state() == player::PlayerState::kPaused) STGS_TRY(begin());
     // A longer step would count as this one: pictures that are missed are passed, not waited for.
-    for (; passed_ + player::kLongestStep < passed; passed_ += player::kLongestStep) {
-      player_->advance(passed_ + player::kLongestStep);
+    for (; passed_ + player::kMaxStepSeconds < passed; passed_ += player::kMaxStepSeconds) {
+      player_->advance(passed_ + player::kMaxStepSeconds);
     }
     passed_ = passed;
     return player_->advance(passed);
   }
   bool waits() const override { return player_->state() == player::PlayerState::kBuffering; }
-  bool is_whole() const override { return player_->layers() >= player_->layers_of_file(); }
+  bool is_whole() const override { return player_->layers() >= player_->layer_count(); }
   int tell(Session& session) override {
     take_events();
     int lost = 0;
@@ -66,7 +66,7 @@ class PlayerPlayback final : public MeasuredPlayback {
       lost += event.kind != Event::Kind::kRetry;
     }
     ever_lost_ |= lost > 0;
-    if (!told_no_room_ && !ever_lost_ && !is_whole() && player_->settled()) {
+    if (!told_no_room_ && !ever_lost_ && !is_whole() && player_->is_complete()) {
       told_no_room_ = true;
       session.log(1, fmt::format("{}: pictures lack what has no room in --memory; allow more",
                                  player_->timeline().name()));
@@ -122,7 +122,7 @@ Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource
   player::PlayerSettings settings;
   settings.memory_budget = memory_budget;
   settings.live.follow = false;  // frames of what there is, from the beginning
-  STGS_ASSIGN(auto player, player::Player::over(std::move(source), settings));
+  STGS_ASSIGN(auto player, player::Player::from_source(std::move(source), settings));
   STGS_TRY(player->set_rate(rate));
   player->set_loop(true);
   return std::unique_ptr<MeasuredPlayback>(std::make_unique<PlayerPlayback>(std::move(player)));
@@ -162,7 +162,7 @@ Result<Played> play(Session& session, MeasuredPlayback& playback, player::Render
       out.pass.add(1e3 * (end - begun), stats);
       out.missed += end - start > due + period;
       out.waited += playback.waits();
-      out.incomplete += !playback.is_whole() || stats.waiting > 0;
+      out.incomplete += !playback.is_whole() || stats.pending > 0;
     } else {
       ++out.missed;
     }
@@ -181,16 +181,16 @@ Json to_json(const Played& played, const PlaySettings& settings) {
   return {{"frames", settings.frames},
           {"refresh", settings.refresh},
           {"rate", settings.rate},
-          {"pictures", played.pictures},
+          {"refreshes", played.pictures},
           {"missed", played.missed},
-          {"waited", played.waited},
+          {"stalled", played.waited},
           {"incomplete", played.incomplete},
-          {"lost", played.lost},
+          {"failed_reads", played.lost},
           {"start_ms", played.start_ms},
-          {"longest_ms", percentile(pass.frame, 1)},
+          {"max_ms", percentile(pass.frame, 1)},
           {"fetch_share", sum(pass.fetch) / std::max(sum(pass.frame), 1e-9)},
           {"busy_share", sum(pass.frame) / (1e3 * played.seconds)},
-          {"drawing", to_json(pass)}};
+          {"rendering", to_json(pass)}};
 }
 
 std::string to_text(const Played& played, const PlaySettings& settings) {

@@ -34,9 +34,9 @@ Result<encoder::Camera> read_camera(const std::string& path) {
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file) {
   const std::string name = file + ": start camera";
   // Before they become signed.
-  if (start.width > kMaxPictureSide || start.height > kMaxPictureSide) {
+  if (start.width > kMaxImageSide || start.height > kMaxImageSide) {
     return invalid_file("{}: {}x{} pixels; a side has at most {}", name, start.width, start.height,
-                        kMaxPictureSide);
+                        kMaxImageSide);
   }
   encoder::Camera camera;
   camera.name = "start";

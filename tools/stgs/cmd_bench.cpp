@@ -24,32 +24,33 @@ constexpr float kNasalShift = 0.05f;
 class Bench final : public Command {
  public:
   Help help() const override {
-    return {"bench", "Measure how fast a .stgs file is drawn",
-            "Draws pictures at moments spread evenly over the file, from the given cameras in\n"
-            "turn, twice: the first pass decodes what it needs (fetch), the second finds it held,\n"
-            "as far as --memory goes. frame: all of a picture, which stays on the device that\n"
-            "drew it; slice: what is visible at the moment, projected; bin: into tiles, in order;\n"
-            "blend: the pixels; device: these three by the clock of a GPU. Milliseconds a\n"
-            "picture, over the pictures of a pass; fps is 1000 over the median.\n"
-            "--stereo draws two eyes in one call and, in a third pass, the left one alone:\n"
-            "with --fovea at full resolution and, in a fourth pass, as it is drawn for two.\n"
-            "--steps draws each picture of the second pass once more, step by step, and tells\n"
-            "beside the time of a step the least that its bytes or operations can take (cuda),\n"
-            "or its bytes alone, as fast as the device copies them (vulkan).\n"
-            "--play plays frames in order against a display's clock instead: through 'timeline'\n"
-            "a moment is decoded when it is drawn, by the backend's device; through 'player' it\n"
-            "is fetched and decoded ahead by the processor. A picture that is not ready when the\n"
-            "next is due is missed.\n"
-            "--animate gives each primitive of a model lifespans and speeds for comparing\n"
-            "renderers: 300 frames, T uniform in them, sigma 3 frames for 30 % and 900 for the\n"
-            "rest, r nearly 0, speeds to .001 units a frame and axis. --lives parts each into\n"
-            "so many that follow each other: as many are alive, and so many times more stored.\n"
-            "--full-harmonics gives a model of lower degree random ones up to degree 3. What\n"
-            "is made so is held in memory as a file, lossless or of --quality.",
-            "  stgs bench scene.stgs --size 3840x2160\n"
-            "  stgs bench scene.stgs --size 2064x2208 --stereo 0.063 --fovea 500\n"
-            "  stgs bench scene.stgs --play player --frames 300\n"
-            "  stgs bench model.stgs --animate --camera a.json --camera b.json --format json"};
+    return {
+        "bench", "Measure how fast a .stgs file is drawn",
+        "Draws pictures at moments spread evenly over the file, from the given cameras in\n"
+        "turn, twice: the first pass decodes what it needs (fetch), the second finds it held,\n"
+        "as far as --memory goes. frame: all of a picture, which stays on the device that\n"
+        "drew it; slice: what is visible at the moment, projected; bin: into tiles, in order;\n"
+        "blend: the pixels; device: these three by the clock of a GPU. Milliseconds a\n"
+        "picture, over the pictures of a pass; fps is 1000 over the median.\n"
+        "--stereo draws two eyes in one call and, in a third pass, the left one alone:\n"
+        "with --fovea at full resolution and, in a fourth pass, as it is drawn for two.\n"
+        "--steps draws each picture of the second pass once more, step by step, and tells\n"
+        "beside the time of a step the least that its bytes or operations can take (cuda),\n"
+        "or its bytes alone, as fast as the device copies them (vulkan).\n"
+        "--play plays frames in order against a display's clock instead: through 'timeline'\n"
+        "a moment is decoded when it is drawn, by the backend's device; through 'player' it\n"
+        "is fetched and decoded ahead by the processor. A picture that is not ready when the\n"
+        "next is due is missed.\n"
+        "--animate gives each primitive of a model lifespans and speeds for comparing\n"
+        "renderers: 300 frames, T uniform in them, sigma 3 frames for 30 % and 900 for the\n"
+        "rest, r nearly 0, speeds to .001 units a frame and axis. --stored-ratio parts each into\n"
+        "so many that follow each other: as many are alive, and so many times more stored.\n"
+        "--full-sh gives a model of lower degree random ones up to degree 3. What\n"
+        "is made so is held in memory as a file, lossless or of --quality.",
+        "  stgs bench scene.stgs --size 3840x2160\n"
+        "  stgs bench scene.stgs --size 2064x2208 --stereo 0.063 --fovea 500\n"
+        "  stgs bench scene.stgs --play player --frames 300\n"
+        "  stgs bench model.stgs --animate --camera a.json --camera b.json --format json"};
   }
 
   Shared shared() const override {
@@ -60,7 +61,7 @@ class Bench final : public Command {
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; may be given again. Else the file's own");
     app.add_option("--size", size_, "WIDTHxHEIGHT in pixels; the view angle is kept an axis each");
-    auto* pictures = app.add_option("--pictures", pictures_, "How many a pass draws");
+    auto* pictures = app.add_option("--num-frames", pictures_, "How many a pass draws");
     pictures->check(number_between(1, 1e6))->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Draw two eyes so far apart, scene units")
         ->check(number_between(0, 1e6));
@@ -87,13 +88,14 @@ class Bench final : public Command {
         ->capture_default_str();
     auto* animate = app.add_flag("--animate", animate_,
                                  "Give the primitives lifespans and speeds of a comparison");
-    app.add_option("--lives", lives_, "Part each primitive into so many, one after the other")
+    app.add_option("--stored-ratio", lives_,
+                   "Part each primitive into so many, one after the other")
         ->excludes(animate)
         ->check(number_between(1, 1000));
-    app.add_flag("--full-harmonics", full_harmonics_,
+    app.add_flag("--full-sh", full_harmonics_,
                  "Give the primitives harmonics to degree 3, random where they have none");
     app.add_option("--quality", quality_,
-                   "Pack what --animate, --lives or --full-harmonics made: 0 to 100, as convert")
+                   "Pack what --animate, --stored-ratio or --full-sh made: 0 to 100, as convert")
         ->check(number_between(0, 100));
     app.add_option("--seed", seed_, "What is random in what they made: 1")
         ->check(check_whole_number);
@@ -111,8 +113,8 @@ class Bench final : public Command {
       return run_play(session, *playback, *renderer);
     }
     STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
-    auto timeline =
-        player::Timeline::over(std::move(reader), shown_file(), budget, player::Damaged::kPassOver);
+    auto timeline = player::Timeline::from_reader(std::move(reader), shown_file(), budget,
+                                                  player::DamagePolicy::kSkip);
     if (play_through_ == "timeline") {
       const auto playback = playback_of(std::move(timeline), play_.rate);
       return run_play(session, *playback, *renderer);
@@ -121,22 +123,22 @@ class Bench final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::shown_place(file_); }
+  std::string shown_file() const { return player::display_location(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {
     if (!animate_ && !full_harmonics_ && lives_ == 0) {
       if (!quality_ && !seed_) return open_place(session, file_);
       return usage_error(
-          "{} is of what --animate, --lives or --full-harmonics make; {} stays as it is",
+          "{} is of what --animate, --stored-ratio or --full-sh make; {} stays as it is",
           quality_ ? "--quality" : "--seed", shown_file());
     }
     STGS_ASSIGN(Scene scene, read_place(session, file_));
     const std::uint64_t most = ReadLimits{}.max_primitives;
     if (lives_ > 0 && scene.gaussians.size() > most / static_cast<std::uint64_t>(lives_)) {
       return usage_error(
-          "--lives {} makes {} primitives of the {} of {}, more than the {} of a file", lives_,
-          scene.gaussians.size() * static_cast<std::uint64_t>(lives_), scene.gaussians.size(),
-          shown_file(), most);
+          "--stored-ratio {} makes {} primitives of the {} of {}, more than the {} of a file",
+          lives_, scene.gaussians.size() * static_cast<std::uint64_t>(lives_),
+          scene.gaussians.size(), shown_file(), most);
     }
     const std::uint64_t seed = seed_.value_or(1);
     if (animate_) animate(scene, seed);
@@ -239,23 +241,23 @@ class Bench final : public Command {
     tell_losses(session, timeline);
     const Pass &first = measured.passes[0], &again = measured.passes[1];
     Json json = head(timeline, renderer, cameras, again);
-    json["pictures"] = pictures_;
-    json["first"] = to_json(first);
-    json["again"] = to_json(again);
-    std::string text = head_text(timeline, renderer, cameras, again) + to_text("first", first) +
-                       to_text("again", again);
+    json["num_frames"] = pictures_;
+    json["cold"] = to_json(first);
+    json["warm"] = to_json(again);
+    std::string text = head_text(timeline, renderer, cameras, again) + to_text("cold", first) +
+                       to_text("warm", again);
     if (eye_distance_) {
       const Pass& one = measured.passes[2];
       const double times = percentile(again.frame, 0.5) / percentile(one.frame, 0.5);
       json["stereo"] = {
-          {"eye_distance", *eye_distance_}, {"one_eye", to_json(one)}, {"times_one_eye", times}};
+          {"eye_distance", *eye_distance_}, {"one_eye", to_json(one)}, {"ratio_to_one_eye", times}};
       text += to_text("one eye", one) + fmt::format("two eyes take {:.3f} times as long{}\n", times,
                                                     fovea_radius_ ? " as one without a fovea" : "");
       if (fovea_radius_) {
         const Pass& alike = measured.passes[3];
-        json["stereo"]["one_eye_alike"] = to_json(alike);
+        json["stereo"]["one_eye_foveated"] = to_json(alike);
         const double times_alike = percentile(again.frame, 0.5) / percentile(alike.frame, 0.5);
-        json["stereo"]["times_one_eye_alike"] = times_alike;
+        json["stereo"]["ratio_to_one_eye_foveated"] = times_alike;
         text += to_text("one alike", alike) +
                 fmt::format("two eyes take {:.3f} times as long as one alike\n", times_alike);
       }
@@ -281,7 +283,7 @@ class Bench final : public Command {
     tell_losses(session, timeline);
     Json json = head(timeline, renderer, cameras, played.pass);
     json["play"] = to_json(played, play_);
-    json["play"]["through"] = play_through_;
+    json["play"]["pipeline"] = play_through_;
     json["play"]["eye_distance"] = eye_distance_ ? Json(*eye_distance_) : Json(nullptr);
     json["peak_memory"] = peak_memory();
     return session.emit(
@@ -299,15 +301,15 @@ class Bench final : public Command {
             {"backend", renderer.name()},
             {"threads", concurrency()},
             {"animated", animate_},
-            {"lives", std::max(lives_, 1)},
-            {"full_harmonics", full_harmonics_},
+            {"stored_ratio", std::max(lives_, 1)},
+            {"full_sh", full_harmonics_},
             {"quality", quality_ ? Json(*quality_) : Json(nullptr)},
             {"file_bytes", timeline.reader().file_bytes()},
             {"primitives", timeline.reader().primitives()},
-            {"lost", losses_json(timeline)},
+            {"damaged", losses_json(timeline)},
             {"stored", pass.stored},
-            {"alive", mean(pass.alive)},
-            {"drawn", mean(pass.drawn)},
+            {"active", mean(pass.alive)},
+            {"rendered", mean(pass.drawn)},
             {"fovea", fovea_radius_ ? Json(*fovea_radius_) : Json(nullptr)},
             {"cameras", sizes}};
   }

@@ -50,7 +50,7 @@ class Compare final : public Command {
     app.add_option("--min-psnr", min_psnr_, "dB; exit code 7 below it")
         ->check(number_between(0, encoder::kPsnrMax));
     app.add_option("--camera", camera_, "For .stgs files: camera file (JSON), see 'render'");
-    app.add_option("--moments", moments_, "For .stgs files: how many, evenly spaced")
+    app.add_option("--num-frames", moments_, "For .stgs files: how many, evenly spaced")
         ->check(number_between(1, 1000))
         ->capture_default_str();
   }
@@ -59,7 +59,7 @@ class Compare final : public Command {
     const bool pictures = is_picture_name(a_);
     if (pictures != is_picture_name(b_)) {
       return usage_error("{} and {} are not of one kind: give two pictures or two .stgs files",
-                         player::shown_place(a_), player::shown_place(b_));
+                         player::display_location(a_), player::display_location(b_));
     }
     return pictures ? compare_pictures(session) : compare_scenes(session);
   }
@@ -75,21 +75,21 @@ class Compare final : public Command {
     STGS_TRY(encoder::check_finite(a, a_));
     STGS_TRY(encoder::check_finite(b, b_));
     STGS_ASSIGN(const Difference d, difference(a, b));
-    Json json = {{"a", a_}, {"b", b_}, {"kind", "pictures"}};
+    Json json = {{"a", a_}, {"b", b_}, {"kind", "images"}};
     return report(session, json, d);
   }
 
   Status compare_scenes(Session& session) {
     STGS_ASSIGN(auto first, open_scene(session, a_));
     STGS_ASSIGN(auto second, open_scene(session, b_));
-    const auto a = player::Timeline::over(std::move(first), player::shown_place(a_));
-    const auto b = player::Timeline::over(std::move(second), player::shown_place(b_));
+    const auto a = player::Timeline::from_reader(std::move(first), player::display_location(a_));
+    const auto b = player::Timeline::from_reader(std::move(second), player::display_location(b_));
     Json json = {{"a", a->name()},
                  {"b", b->name()},
                  {"kind", "scenes"},
                  {"primitives", {a->reader().primitives(), b->reader().primitives()}},
                  {"bytes", {a->reader().file_bytes(), b->reader().file_bytes()}},
-                 {"moments", moments_}};
+                 {"num_frames", moments_}};
     if (std::abs(a->duration_seconds() - b->duration_seconds()) > kSameDuration) {
       return {StatusCode::kDiffers,
               fmt::format("{} lasts {} s, {} lasts {} s", a->name(), a->duration_seconds(),

@@ -9,7 +9,7 @@
 #include "import_options.h"
 #include "losses.h"
 #include "options.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "place.h"
 #include "stgs/format/output_file.h"
 
@@ -27,7 +27,7 @@ struct Conversion {
   std::optional<double> seconds;  // the moment that is kept; none where all are
   ImportReport found;             // its notes go on with what is lost after reading
   std::optional<ConversionErrors> errors;
-  SceneLosses losses;               // of a damaged .stgs file
+  DamageReport losses;              // of a damaged .stgs file
   std::vector<std::string> extras;  // that such a file holds beside its scene
 };
 
@@ -66,18 +66,24 @@ bool moves_or_fades(const Scene& scene) {
 std::string written_endings() {
   std::string text = ".stgs";
   for (const InterchangeFormat& format : interchange_formats()) {
-    if (format.write != nullptr) text += fmt::format(", {}", format.ending);
+    if (format.write != nullptr) text += fmt::format(", {}", format.extension);
   }
   return text;
 }
 
 Json to_json(const ConversionErrors& e) {
-  return {{"position_max", e.position_max},   {"position_rms", e.position_rms},
-          {"log_scale_max", e.log_scale_max}, {"rotation_max", e.rotation_max},
-          {"opacity_max", e.opacity_max},     {"colour_max", e.colour_max},
-          {"colour_rms", e.colour_rms},       {"harmonics_max", e.harmonics_max},
-          {"harmonics_rms", e.harmonics_rms}, {"visibility_max", e.visibility_max},
-          {"time_max", e.time_max},           {"radius_max", e.radius_max},
+  return {{"position_max", e.position_max},
+          {"position_rms", e.position_rms},
+          {"log_scale_max", e.log_scale_max},
+          {"rotation_max", e.rotation_max},
+          {"opacity_max", e.opacity_max},
+          {"colour_max", e.colour_max},
+          {"colour_rms", e.colour_rms},
+          {"sh_max", e.sh_max},
+          {"sh_rms", e.sh_rms},
+          {"visibility_max", e.visibility_max},
+          {"time_max", e.time_max},
+          {"radius_max", e.radius_max},
           {"sigma_max", e.sigma_max}};
 }
 
@@ -88,7 +94,7 @@ std::string to_text(const ConversionErrors& e, bool timed) {
       "degrees at most; opacity {:.3g} at most; colour {:.3g} at most, {:.3g} rms; harmonics "
       "{:.3g} at most, {:.3g} rms",
       e.position_max, e.position_rms, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
-      e.colour_rms, e.harmonics_max, e.harmonics_rms);
+      e.colour_rms, e.sh_max, e.sh_rms);
   if (timed) {
     text += fmt::format(
         "; opacity at a frame {:.3g}, time {:.3g} and radius {:.3g} frames, sigma {:.3g} % at most",
@@ -150,8 +156,8 @@ class Convert final : public Command {
 
  private:
   Status check_places(Conversion& work) const {
-    work.to = format_to_write(output_);
-    if (work.to == nullptr && name_ending(output_) != ".stgs") {
+    work.to = format_for_output(output_);
+    if (work.to == nullptr && file_extension(output_) != ".stgs") {
       return usage_error("{}: its ending names no format that is written; those are {}", output_,
                          written_endings());
     }
@@ -163,7 +169,7 @@ class Convert final : public Command {
   }
 
   Status read(Conversion& work) const {
-    STGS_ASSIGN(work.from, format_of_content(input_));
+    STGS_ASSIGN(work.from, detect_format(input_));
     STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
       std::error_code error;
@@ -177,7 +183,7 @@ class Convert final : public Command {
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
         work.found.notes.push_back("its scene was packed: what that lost stays lost");
       }
-      STGS_ASSIGN(work.scene, read_sound_scene(input_, work.losses));
+      STGS_ASSIGN(work.scene, recover_scene(input_, work.losses));
       STGS_ASSIGN(work.extras, scene_extras(input_));
     } else {
       STGS_ASSIGN(work.scene,
@@ -199,7 +205,7 @@ class Convert final : public Command {
     work.seconds = seconds_.value_or(0.0);
     const bool all_still = !moves_or_fades(work.scene);
     const double ticks = metadata.time_base.ticks(*work.seconds);
-    STGS_ASSIGN(Gaussians4D set, at_moment(work.scene, ticks));
+    STGS_ASSIGN(Gaussians4D set, snapshot_at(work.scene, ticks));
     note_losses(work, set.size(), all_still);
     Scene moment = static_scene(std::move(set));
     const std::uint32_t frames = moment.metadata.frames;
@@ -239,7 +245,7 @@ class Convert final : public Command {
     if (std::any_of(m.up, m.up + 3, [](float v) { return v != 0.0f; })) {
       lose("what is up and where the floor is");
     }
-    if (!m.sound.empty()) lose("where the sound is");
+    if (!m.audio.empty()) lose("where the sound is");
     if (!lost.empty())
       work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }
@@ -287,13 +293,13 @@ class Convert final : public Command {
     constexpr double kExact = 1e-4;  // degrees; what is left of comparing quaternions in floats
     const ConversionErrors& e = *work.errors;
     const bool exact = e.position_max == 0 && e.log_scale_max == 0 && e.rotation_max < kExact &&
-                       e.opacity_max == 0 && e.colour_max == 0 && e.harmonics_max == 0;
+                       e.opacity_max == 0 && e.colour_max == 0 && e.sh_max == 0;
     if (work.to == nullptr || exact) return;
     work.found.notes.push_back(fmt::format(
         "{} rounds or clips: positions by up to {:.2g}, log scales by {:.2g}, rotations by {:.2g} "
         "degrees, opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
         work.to->name, e.position_max, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
-        e.harmonics_max));
+        e.sh_max));
   }
 
   Status report(Session& session, const Conversion& work, std::uint64_t bytes_out,
@@ -315,8 +321,8 @@ class Convert final : public Command {
                  {"bytes_per_primitive", each},
                  {"errors", work.errors ? to_json(*work.errors) : Json(nullptr)},
                  {"notes", work.found.notes},
-                 {"lost", losses_json(work.losses)},
-                 {"not_carried", work.extras},
+                 {"damaged", losses_json(work.losses)},
+                 {"not_converted", work.extras},
                  {"seconds", seconds},
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.found));

@@ -6,7 +6,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_place.h"
+#include "output_path.h"
 
 namespace stgs::tools {
 namespace {
@@ -52,14 +52,14 @@ class Encode final : public Command {
   }
 
   Status run(Session& session) override {
-    if (const encoder::Launch launch = encoder::launch_of_environment(); launch.size > 1) {
+    if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
       return usage_error(
           "{} has started {} processes, and encode runs as one: run 'stgs prepare', then 'stgs "
           "train' with them, then 'stgs pack'",
-          launch.starter, launch.size);
+          launch.launcher, launch.size);
     }
     const auto kept = [this](const char* name) {
-      return NamedPlace{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
+      return NamedPath{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
     STGS_ASSIGN(
         const auto training,
@@ -68,7 +68,7 @@ class Encode final : public Command {
     STGS_TRY(check_going_on(training));
     STGS_TRY(check_can_write(output_));
     STGS_TRY(check_profile(pack_.settings().profile));
-    STGS_TRY(encoder::check_space(pack_.settings()));
+    STGS_TRY(encoder::check_up_and_floor(pack_.settings()));
     // Before the long prepare; again when it knows how large the pictures are.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_kept());

@@ -66,7 +66,7 @@ Json to_json(const ImageDrift& d) {
           {"mean_px", d.mean},
           {"opacity_weighted_px", d.opacity_weighted},
           {"median_px", d.median},
-          {"bound_px", kStillDrift},
+          {"bound_px", kStaticDrift},
           {"within_bound", d.within_bound}};
 }
 
@@ -138,11 +138,11 @@ class Evaluate final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, file_));
-    const auto timeline = player::Timeline::over(std::move(reader), shown_file());
+    const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
-    STGS_ASSIGN(capture_, encoder::shown_part(capture, timeline->metadata(), shown_file()));
-    STGS_TRY(encoder::check_same_moments(capture_, timeline->metadata(), shown_file()));
-    encoder::warn_of_other_capture(capture_, timeline->metadata(), shown_file(),
+    STGS_ASSIGN(capture_, encoder::capture_for_scene(capture, timeline->metadata(), shown_file()));
+    STGS_TRY(encoder::check_same_times(capture_, timeline->metadata(), shown_file()));
+    encoder::warn_if_other_capture(capture_, timeline->metadata(), shown_file(),
                                    session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
@@ -153,7 +153,7 @@ class Evaluate final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::shown_place(file_); }
+  std::string shown_file() const { return player::display_location(file_); }
 
   Status find_backgrounds(Session& session) {
     std::vector<int> frames;
@@ -264,7 +264,7 @@ class Evaluate final : public Command {
         "static drift {:.4f} px over the clip ({:.4f} by opacity, median {:.4f}) of the {} "
         "primitives that cover it, {} of them within {} px\n",
         drift_.mean, drift_.opacity_weighted, drift_.median, drift_.primitives, drift_.within_bound,
-        kStillDrift);
+        kStaticDrift);
     text +=
         fmt::format("primitives that no training camera sees {}, that one alone sees {}, more {}\n",
                     coverage_.by_none, coverage_.by_one, coverage_.by_more);
@@ -274,10 +274,10 @@ class Evaluate final : public Command {
                  {"against", folder_},
                  {"cameras", which_},
                  {"every", every_},
-                 {"pictures", all.size()}};
+                 {"images", all.size()}};
     json.update(to_json(mean));
     json["static_drift"] = to_json(drift_);
-    json["seen"] = to_json(coverage_);
+    json["coverage"] = to_json(coverage_);
     json["views"] = views;
     json["peak_memory"] = peak_memory();
     return session.emit(json, text);

@@ -4,7 +4,7 @@
 
 #include "command.h"
 #include "losses.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "place.h"
 #include "stgs/format/scene_recorder.h"
 
@@ -36,7 +36,7 @@ class Finalize final : public Command {
     }
     STGS_ASSIGN(const auto recording, SceneReader::open(input_));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
-    SceneLosses losses;
+    DamageReport losses;
     STGS_TRY(finalize_scene(std::move(source), output_, losses));
     STGS_ASSIGN(const auto finished, SceneReader::open(output_));
     tell_losses(session, input_, losses, finished->metadata().time_base);
@@ -50,7 +50,7 @@ class Finalize final : public Command {
                        {"bytes_in", recording->file_bytes() + recording->incomplete_bytes()},
                        {"bytes_out", finished->file_bytes()},
                        {"incomplete_bytes", losses.incomplete_bytes},
-                       {"lost", losses_json(losses)}};
+                       {"damaged", losses_json(losses)}};
     std::string text = fmt::format("{}: {} frames, {} primitives in {} parts, {}\n", output_,
                                    finished->metadata().frames, finished->primitives(),
                                    finished->parts().size(), human_bytes(finished->file_bytes()));

@@ -68,12 +68,12 @@ Json segments_json(const SceneReader& reader) {
                         {"end_s", base.seconds(segment.end_ticks)},
                         {"primitives", segment.primitives},
                         {"tier", segment.tier},
-                        {"there", segment.there},
-                        {"harmonics_there", segment.harmonics_there},
+                        {"available", segment.available},
+                        {"sh_available", segment.sh_available},
                         {"offset", segment.offset},
                         {"bytes", segment.bytes},
-                        {"harmonics_offset", segment.harmonics_offset},
-                        {"harmonics_bytes", segment.harmonics_bytes}});
+                        {"sh_offset", segment.sh_offset},
+                        {"sh_bytes", segment.sh_bytes}});
   }
   return segments;
 }
@@ -90,15 +90,15 @@ std::vector<Layer> layers_of(const SceneReader& reader) {
   for (const SegmentInfo& segment : reader.segments()) {
     for (int t = static_cast<int>(primitives.size()); t <= segment.tier; ++t) {
       primitives.push_back({"primitives", t, 0, 0});
-      harmonics.push_back({"harmonics", t, 0, 0});
+      harmonics.push_back({"sh", t, 0, 0});
     }
     Layer& base = primitives[static_cast<std::size_t>(segment.tier)];
     base.primitives += segment.primitives;
     base.bytes += segment.bytes;
-    if (segment.harmonics_bytes == 0) continue;
+    if (segment.sh_bytes == 0) continue;
     Layer& detail = harmonics[static_cast<std::size_t>(segment.tier)];
     detail.primitives += segment.primitives;
-    detail.bytes += segment.harmonics_bytes;
+    detail.bytes += segment.sh_bytes;
   }
   std::vector<Layer> layers = primitives;
   for (const Layer& layer : harmonics) {
@@ -130,9 +130,9 @@ Json damage_json(const SceneReader& reader) {
 Json lost_json(const SceneReader& reader) {
   const TimeBase& base = reader.metadata().time_base;
   Json stretches = Json::array();
-  for (const LostStretch& lost : reader.lost_stretches()) {
-    stretches.push_back({{"begin_s", base.seconds(lost.moments.begin)},
-                         {"end_s", base.seconds(lost.moments.end)},
+  for (const LostFragment& lost : reader.lost_fragments()) {
+    stretches.push_back({{"begin_s", base.seconds(lost.range.begin)},
+                         {"end_s", base.seconds(lost.range.end)},
                          {"offset", lost.offset},
                          {"bytes", lost.bytes}});
   }
@@ -151,11 +151,11 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"form", form_name(reader.form())},
                {"bytes", reader.file_bytes()},
                {"incomplete_bytes", reader.incomplete_bytes()},
-               {"unreached_s", m.time_base.seconds(reader.unreached_frames())},
+               {"unreachable_s", m.time_base.seconds(reader.unreached_frames())},
                {"missing_bytes", reader.missing_bytes()},
                {"complete_s", m.time_base.seconds(reader.complete_ticks())},
                {"damage", damage_json(reader)},
-               {"lost", lost_json(reader)},
+               {"lost_fragments", lost_json(reader)},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -171,7 +171,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"metres_per_unit", m.metres_per_unit > 0 ? Json(m.metres_per_unit) : Json(nullptr)},
                {"up", nullptr},
                {"floor", nullptr},
-               {"sound", nullptr},
+               {"audio", nullptr},
                {"background", std::vector<float>(m.background, m.background + 3)},
                {"near_plane", m.near_plane},
                {"generator", m.generator},
@@ -188,8 +188,8 @@ Json to_json(const SceneReader& reader, const std::string& path) {
     json["up"] = m.up;
     json["floor"] = m.floor;
   }
-  if (!m.sound.empty()) {
-    json["sound"] = {{"place", m.sound}, {"begin_s", m.time_base.seconds(m.sound_begin)}};
+  if (!m.audio.empty()) {
+    json["audio"] = {{"location", m.audio}, {"begin_s", m.time_base.seconds(m.audio_begin)}};
   }
   if (m.window) {
     json["window"] = {{"first_frame", m.window->first_frame},
@@ -199,8 +199,8 @@ Json to_json(const SceneReader& reader, const std::string& path) {
     json["parts"].push_back(
         {{"begin_s", m.time_base.seconds(part.begin_ticks)},
          {"end_s", m.time_base.seconds(part.end_ticks)},
-         {"shown_begin_s", m.time_base.seconds(std::max(0.0, part.shown().begin))},
-         {"shown_end_s", m.time_base.seconds(part.shown().end)},
+         {"shown_begin_s", m.time_base.seconds(std::max(0.0, part.shown_range().begin))},
+         {"shown_end_s", m.time_base.seconds(part.shown_range().end)},
          {"primitives", part.primitives}});
   }
   for (const StreamInfo& stream : reader.streams()) {
@@ -235,9 +235,9 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
         fmt::format("  up               {:.4g} {:.4g} {:.4g}, the floor at {:.4g} {:.4g} {:.4g}\n",
                     m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
   }
-  if (!m.sound.empty()) {
-    out += fmt::format("  sound            {}, from {:.3f} s on\n", one_line(m.sound),
-                       m.time_base.seconds(m.sound_begin));
+  if (!m.audio.empty()) {
+    out += fmt::format("  sound            {}, from {:.3f} s on\n", one_line(m.audio),
+                       m.time_base.seconds(m.audio_begin));
   }
   if (reader.form() != SceneForm::kFinished) {
     out += fmt::format(
@@ -257,8 +257,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   if (reader.missing_bytes() > 0) {
     std::size_t whole = 0, plain = 0;
     for (const SegmentInfo& segment : reader.segments()) {
-      whole += segment.there && segment.harmonics_there ? 1 : 0;
-      plain += segment.there && !segment.harmonics_there ? 1 : 0;
+      whole += segment.available && segment.sh_available ? 1 : 0;
+      plain += segment.available && !segment.sh_available ? 1 : 0;
     }
     out += fmt::format(
         "  truncated        {} bytes are missing; {} of {} segments are there whole, {} without "
@@ -271,10 +271,10 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
     out += fmt::format("  {:<16} byte {}: {}\n", issue.error ? "damaged" : "told", issue.offset,
                        issue.message);
   }
-  for (const LostStretch& lost : reader.lost_stretches()) {
+  for (const LostFragment& lost : reader.lost_fragments()) {
     out += fmt::format("  lost             from {:.3f} s to {:.3f} s, {} bytes\n",
-                       m.time_base.seconds(lost.moments.begin),
-                       m.time_base.seconds(lost.moments.end), lost.bytes);
+                       m.time_base.seconds(lost.range.begin), m.time_base.seconds(lost.range.end),
+                       lost.bytes);
   }
   if (m.start_camera) {
     out += fmt::format("  start camera     {}x{}\n", m.start_camera->width, m.start_camera->height);
@@ -288,8 +288,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
     for (std::size_t i = 0; i < std::min(reader.parts().size(), kMostRows); ++i) {
       const ScenePart& part = reader.parts()[i];
       out += fmt::format("  part             {:.3f} s to {:.3f} s, {} primitives\n",
-                         m.time_base.seconds(part.shown().begin),
-                         m.time_base.seconds(part.shown().end), part.primitives);
+                         m.time_base.seconds(part.shown_range().begin),
+                         m.time_base.seconds(part.shown_range().end), part.primitives);
     }
     out += rows_left_out(reader.parts().size(), "parts");
   }
@@ -307,7 +307,7 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
     out += fmt::format("  {:>7}  {:>10}  {:>4}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}  {:>10}\n", i,
                        s.level < 0 ? std::string("persistent") : std::to_string(s.level), s.tier,
                        m.time_base.seconds(s.begin_ticks), m.time_base.seconds(s.end_ticks),
-                       s.primitives, s.bytes, s.harmonics_bytes);
+                       s.primitives, s.bytes, s.sh_bytes);
   }
   out += rows_left_out(reader.segments().size(), "segments");
   out += "\n  layer                  tier  primitives       bytes   share\n";
@@ -419,7 +419,7 @@ class Info final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::shown_place(path_); }
+  std::string shown_file() const { return player::display_location(path_); }
 
   std::string path_;
   bool lifespans_ = false;

@@ -5,7 +5,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "place.h"
 
 namespace stgs::tools {

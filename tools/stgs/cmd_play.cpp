@@ -109,7 +109,7 @@ class Play final : public Command {
 
 #ifdef STGS_HAS_PLAY
   std::string shown_file() const {
-    return player::shown_place(file_);
+    return player::display_location(file_);
   }
 
   Status tell(Session& session, const ShowReport& report) const {
@@ -118,7 +118,7 @@ class Play final : public Command {
                  {"device", report.device},
                  {"width", report.size.width},
                  {"height", report.size.height},
-                 {"pictures", report.pictures},
+                 {"frames_shown", report.pictures},
                  {"fps", fps},
                  {"stalls", report.stalls},
                  {"seconds", report.seconds},

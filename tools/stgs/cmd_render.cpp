@@ -48,7 +48,7 @@ class Render final : public Command {
         "y down, z forward}; an entry of capture.json's cameras and the output of\n"
         "'stgs info --format json' are such files.",
         "  stgs render scene.stgs --time 0.5 -o picture.png\n"
-        "  stgs render scene.stgs --cameras prepared/ --which test --frames 0:20 --beside"
+        "  stgs render scene.stgs --cameras prepared/ --which test --frames 0:20 --side-by-side"
         " -o both.mp4\n"
         "  stgs render scene.stgs --frames 0: --size 1280x720 -o - | ffplay -"};
   }
@@ -73,7 +73,8 @@ class Render final : public Command {
     app.add_option("--size", o_.size,
                    "WIDTHxHEIGHT in pixels; the view angle is kept an axis each");
     app.add_option("--background", o_.background, "r,g,b from 0 to 1; else the file's");
-    app.add_flag("--beside", o_.beside, "Draw the capture's own frame to the right of the render")
+    app.add_flag("--side-by-side", o_.beside,
+                 "Draw the capture's own frame to the right of the render")
         ->needs(cameras);
     app.add_option("--memory", o_.memory_mb, "Decoded data held at most, MB (10^6 bytes)")
         ->check(number_between(1, 1e9))
@@ -84,9 +85,9 @@ class Render final : public Command {
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, o_.file));
-    const auto timeline = player::Timeline::over(std::move(reader), shown_file(),
-                                                 static_cast<std::uint64_t>(o_.memory_mb * 1e6),
-                                                 player::Damaged::kPassOver);
+    const auto timeline = player::Timeline::from_reader(
+        std::move(reader), shown_file(), static_cast<std::uint64_t>(o_.memory_mb * 1e6),
+        player::DamagePolicy::kSkip);
     tell_damage(session, *timeline);
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const auto cameras, find_cameras(timeline->metadata()));
@@ -97,7 +98,7 @@ class Render final : public Command {
                                              cameras.size(), moments.size(), session.log_sink()));
     if (o_.beside && !sink->wants_8bit()) {
       return usage_error(
-          "--beside draws two pictures into one: choose .png, .mp4, .y4m or a folder");
+          "--side-by-side draws two pictures into one: choose .png, .mp4, .y4m or a folder");
     }
     Totals totals;
     const double begin = now_seconds();
@@ -125,7 +126,7 @@ class Render final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::shown_place(o_.file); }
+  std::string shown_file() const { return player::display_location(o_.file); }
 
   struct Totals {
     player::RenderStats stats;
@@ -137,7 +138,7 @@ class Render final : public Command {
     if (!o_.cameras.empty()) {
       STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras));
       if (o_.beside) {
-        STGS_ASSIGN(capture_, encoder::shown_part(capture_, metadata, shown_file()));
+        STGS_ASSIGN(capture_, encoder::capture_for_scene(capture_, metadata, shown_file()));
       }
       STGS_ASSIGN(cameras, choose_cameras(capture_, o_.which));
     } else if (!o_.camera.empty()) {
@@ -196,7 +197,7 @@ class Render final : public Command {
     STGS_TRY(at_moment(renderer.render(timeline, moment.seconds, {view}, frames_, &stats),
                        shown_file(), moment.seconds));
     totals.draw += now_seconds() - begin;
-    totals.stats.drawn += stats.drawn;
+    totals.stats.splats += stats.splats;
     totals.stats.fetch_ms += stats.fetch_ms;
     totals.stats.slice_ms += stats.slice_ms;
     totals.stats.bin_ms += stats.bin_ms;
@@ -209,7 +210,7 @@ class Render final : public Command {
     if (o_.beside) {
       const double frame = std::round(moment.ticks);
       if (std::abs(frame - moment.ticks) > kFrameTolerance || frame >= capture_.frames) {
-        return usage_error("--beside needs a moment that {} has a frame of; {} s is none",
+        return usage_error("--side-by-side needs a moment that {} has a frame of; {} s is none",
                            o_.cameras, moment.seconds);
       }
       STGS_ASSIGN(const encoder::Image8 truth, load_truth(camera.name, static_cast<int>(frame)));
@@ -237,18 +238,18 @@ class Render final : public Command {
     }
     const Json json = {{"output", o_.output},
                        {"backend", backend},
-                       {"pictures", pictures},
+                       {"images", pictures},
                        {"cameras", names},
-                       {"lost", losses_json(timeline)},
-                       {"draw_s", totals.draw},
+                       {"damaged", losses_json(timeline)},
+                       {"render_s", totals.draw},
                        {"wall_s", totals.wall},
-                       {"draw_fps", fps},
+                       {"render_fps", fps},
                        {"mean_ms",
                         {{"fetch", totals.stats.fetch_ms / n},
                          {"slice", totals.stats.slice_ms / n},
                          {"bin", totals.stats.bin_ms / n},
                          {"blend", totals.stats.blend_ms / n}}},
-                       {"mean_splats", static_cast<double>(totals.stats.drawn) / n},
+                       {"mean_splats", static_cast<double>(totals.stats.splats) / n},
                        {"peak_memory", peak_memory()}};
     const std::string text =
         fmt::format("{}: {} picture(s), {:.1f} ms to draw each ({:.1f} a second), peak memory {}\n",

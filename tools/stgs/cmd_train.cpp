@@ -4,7 +4,7 @@
 
 #include "command.h"
 #include "encode_options.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "train_windows.h"
 
 namespace stgs::tools {
@@ -57,7 +57,7 @@ class Train final : public Command {
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
                                      ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
-                                                   report.held_out->psnr, report.held_out->pictures)
+                                                   report.held_out->psnr, report.held_out->images)
                                      : "";
     Json json = {{"output", output_}};
     json.update(to_json(report));
@@ -76,8 +76,8 @@ class Train final : public Command {
 
  private:
   // What is written, and what is read of the capture and must stay.
-  std::vector<NamedPlace> places() const {
-    std::vector<NamedPlace> places = {{"--output", output_}};
+  std::vector<NamedPath> places() const {
+    std::vector<NamedPath> places = {{"--output", output_}};
     for (const char* file : {"", "/capture.json", "/points_static.ply", "/points_dynamic.ply",
                              "/frames", "/masks", "/report", "/report/index.html"}) {
       places.push_back({"DIR", folder_ + file});

@@ -23,7 +23,7 @@ struct Verdict {
 
 Verdict judge(Session& session, const std::string& path) {
   Verdict verdict;
-  verdict.name = player::shown_place(path);
+  verdict.name = player::display_location(path);
   auto source = open_place(session, path);
   if (!source.ok()) {
     verdict.unreadable = source.status();

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "command.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "session.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/prepare.h"
@@ -49,7 +49,7 @@ class TrainOptions {
   // `written`: what the verb writes beside what these options name; kUsage where two are one.
   // Checks that files can be written where this process is the one that writes. `made`: a folder
   // that the verb makes where there is none, in which they may lie; "": none.
-  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPlace> written,
+  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPath> written,
                                           const std::string& made) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }
@@ -58,14 +58,14 @@ class TrainOptions {
   bool has_log() const { return !log_.empty(); }
 
  private:
-  Status check_places(const std::string& log_path, std::vector<NamedPlace> places) const;
+  Status check_places(const std::string& log_path, std::vector<NamedPath> places) const;
   Status check_writable(const std::string& made) const;
 
   std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   std::string perceptual_weights_;
-  int held_out_ = encoder::TrainSettings{}.held_out_measures;
+  int held_out_ = encoder::TrainSettings{}.held_out_evaluations;
   double max_seconds_ = 0;
   std::vector<std::string> overrides_;
 };

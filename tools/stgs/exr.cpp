@@ -77,7 +77,7 @@ Result<Image> read_exr_file(const std::string& path) {
     Imf::InputFile file(path.c_str());
     const Imath::Box2i window = file.header().dataWindow();
     const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
-    STGS_TRY(encoder::check_picture_size(width, height, path));
+    STGS_TRY(encoder::check_image_size(width, height, path));
     for (const char* name : {"R", "G", "B"}) {
       const Imf::Channel* channel = file.header().channels().findChannel(name);
       if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {

@@ -49,8 +49,8 @@ void ImportOptions::declare(CLI::App& app) {
 }
 
 Status ImportOptions::check(const std::string& path, const InterchangeFormat* format) const {
-  const bool sequence = format != nullptr && format->takes == InterchangeFormat::kSequence;
-  const bool splatv = format != nullptr && format->takes == InterchangeFormat::kSplatv;
+  const bool sequence = format != nullptr && format->settings_kind == InterchangeFormat::kSequence;
+  const bool splatv = format != nullptr && format->settings_kind == InterchangeFormat::kSplatv;
   const char* name = format == nullptr ? "STGS" : format->name;
   if (fps_ && !sequence && !splatv) {
     return usage_error("{}: is {}; --fps is for a folder of PLY frames and for .splatv", path,

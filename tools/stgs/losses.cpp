@@ -7,12 +7,12 @@ namespace stgs::tools {
 namespace {
 
 std::ptrdiff_t without_harmonics(const player::Timeline& timeline) {
-  return std::count_if(timeline.losses().begin(), timeline.losses().end(),
-                       [](const player::Loss& loss) { return loss.harmonics_only; });
+  return std::count_if(timeline.segment_damage().begin(), timeline.segment_damage().end(),
+                       [](const player::SegmentDamage& loss) { return loss.sh_only; });
 }
 
 std::ptrdiff_t whole(const player::Timeline& timeline) {
-  return std::ssize(timeline.losses()) - without_harmonics(timeline);
+  return std::ssize(timeline.segment_damage()) - without_harmonics(timeline);
 }
 
 }  // namespace
@@ -25,24 +25,24 @@ void tell_damage(Session& session, const player::Timeline& timeline) {
 }
 
 void tell_losses(Session& session, const player::Timeline& timeline) {
-  if (timeline.losses().empty()) return;
+  if (timeline.segment_damage().empty()) return;
   session.log(1, fmt::format("{}: {} segment(s) could not be drawn, and {} only without their "
                              "harmonics; the first: {}",
                              timeline.name(), whole(timeline), without_harmonics(timeline),
-                             timeline.losses().front().reason.message()));
+                             timeline.segment_damage().front().reason.message()));
 }
 
 Json losses_json(const player::Timeline& timeline) {
-  return {{"segments", whole(timeline)}, {"harmonics", without_harmonics(timeline)}};
+  return {{"segments", whole(timeline)}, {"sh", without_harmonics(timeline)}};
 }
 
 const char* event_text(player::PlayerEvent::Kind kind) {
   using Kind = player::PlayerEvent::Kind;
-  return kind == Kind::kRetry      ? "trying again"
-         : kind == Kind::kLost     ? "missing for now"
-         : kind == Kind::kReplaced ? "nothing more of it comes"
-         : kind == Kind::kStalled  ? "waiting for the recorder"
-                                   : "damaged, left out";
+  return kind == Kind::kRetry        ? "trying again"
+         : kind == Kind::kReadFailed ? "missing for now"
+         : kind == Kind::kReplaced   ? "nothing more of it comes"
+         : kind == Kind::kStalled    ? "waiting for the recorder"
+                                     : "damaged, left out";
 }
 
 void tell_event(Session& session, const player::PlayerEvent& event) {
@@ -50,15 +50,15 @@ void tell_event(Session& session, const player::PlayerEvent& event) {
       1, fmt::format("at byte {}: {} ({})", event.offset, event.message, event_text(event.kind)));
 }
 
-void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,
+void tell_losses(Session& session, const std::string& file, const DamageReport& losses,
                  const TimeBase& time_base) {
-  for (const std::string& line : losses_text(losses, time_base)) {
+  for (const std::string& line : describe_damage(losses, time_base)) {
     session.log(1, fmt::format("{}: {}", file, line));
   }
 }
 
-Json losses_json(const SceneLosses& losses) {
-  return {{"segments", losses.segments}, {"harmonics", losses.harmonics}};
+Json losses_json(const DamageReport& losses) {
+  return {{"segments", losses.segments}, {"sh", losses.segments_without_sh}};
 }
 
 }  // namespace stgs::tools

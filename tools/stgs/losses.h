@@ -3,7 +3,7 @@
 #pragma once
 
 #include "session.h"
-#include "stgs/format/scene_losses.h"
+#include "stgs/format/damage_report.h"
 #include "stgs/player/player.h"
 #include "stgs/player/timeline.h"
 
@@ -13,7 +13,7 @@ namespace stgs::tools {
 void tell_damage(Session& session, const player::Timeline& timeline);
 // Warns of the segments that were passed over while drawing, or drawn without their harmonics.
 void tell_losses(Session& session, const player::Timeline& timeline);
-// How many of each: {"segments", "harmonics"}.
+// How many of each: {"segments", "sh"}.
 Json losses_json(const player::Timeline& timeline);
 
 // What an event that has a message tells, in a few words.
@@ -22,8 +22,8 @@ const char* event_text(player::PlayerEvent::Kind kind);
 void tell_event(Session& session, const player::PlayerEvent& event);
 
 // Warns of what could not be read of a whole file.
-void tell_losses(Session& session, const std::string& file, const SceneLosses& losses,
+void tell_losses(Session& session, const std::string& file, const DamageReport& losses,
                  const TimeBase& time_base);
-Json losses_json(const SceneLosses& losses);
+Json losses_json(const DamageReport& losses);
 
 }  // namespace stgs::tools

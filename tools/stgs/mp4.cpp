@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "output_place.h"
+#include "output_path.h"
 #endif
 
 namespace stgs::tools {

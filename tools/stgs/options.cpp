@@ -48,11 +48,11 @@ Result<Size> parse_size(const std::string& text) {
   const bool read = cross != std::string::npos &&
                     read_int(std::string_view(text).substr(0, cross), size.width) &&
                     read_int(std::string_view(text).substr(cross + 1), size.height);
-  const auto side = [](int v) { return v >= 1 && v <= kMaxPictureSide; };
+  const auto side = [](int v) { return v >= 1 && v <= kMaxImageSide; };
   if (!read || !side(size.width) || !side(size.height)) {
     return usage_error(
         "'{}' is not a size; write WIDTHxHEIGHT in pixels, each 1 to {}, such as 1280x720", text,
-        kMaxPictureSide);
+        kMaxImageSide);
   }
   return size;
 }

@@ -57,11 +57,11 @@ void PackOptions::declare(CLI::App& app) {
   vector("--up", up_, "X,Y,Z: the direction against gravity, for the file to say");
   vector("--floor", floor_, "X,Y,Z: a point of the floor, beside --up, in scene units");
   auto* sound =
-      app.add_option("--sound", sound_,
+      app.add_option("--audio", sound_,
                      "Where its sound is, for the file to say: a URI, or a path from the\n"
                      "file's own folder")
           ->group(group);
-  app.add_option("--sound-at", sound_seconds_, "The moment at which the sound begins, seconds")
+  app.add_option("--audio-offset", sound_seconds_, "The moment at which the sound begins, seconds")
       ->check(number_between(-1e6, 1e6))
       ->needs(sound)
       ->group(group);
@@ -81,8 +81,8 @@ encoder::PackSettings PackOptions::settings() const {
   if (metres_ > 0) settings.metres_per_unit = static_cast<float>(metres_);
   settings.up = point(up_);
   settings.floor = point(floor_);
-  if (!sound_.empty()) settings.sound = sound_;
-  settings.sound_begin = sound_seconds_;
+  if (!sound_.empty()) settings.audio = sound_;
+  settings.audio_begin = sound_seconds_;
   return settings;
 }
 
@@ -90,7 +90,7 @@ namespace {
 
 Json held_out_json(const std::optional<encoder::HeldOutScore>& score) {
   if (!score) return nullptr;
-  return {{"psnr", score->psnr}, {"psnr_cc", score->psnr_cc}, {"pictures", score->pictures}};
+  return {{"psnr", score->psnr}, {"psnr_cc", score->psnr_cc}, {"images", score->images}};
 }
 
 }  // namespace
@@ -109,11 +109,11 @@ Json to_json(const encoder::PackReport& report) {
           {"parts", parts},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
-          {"lost", {{"segments", report.lost_segments}, {"harmonics", report.lost_harmonics}}},
+          {"damaged", {{"segments", report.damaged_segments}, {"sh", report.damaged_sh_segments}}},
           {"bytes_per_primitive", report.bytes_per_primitive},
           {"quality", report.quality},
           {"kbps", report.kbps},
-          {"pictures_psnr", report.pictures_psnr ? Json(*report.pictures_psnr) : Json(nullptr)},
+          {"images_psnr", report.images_psnr ? Json(*report.images_psnr) : Json(nullptr)},
           {"held_out",
            {{"before", held_out_json(report.held_out_before)},
             {"after", held_out_json(report.held_out_after)}}},
@@ -130,8 +130,8 @@ Json to_json(const encoder::PackReport& report) {
 
 std::string loss_text(const encoder::PackReport& report) {
   std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
-  out += report.pictures_psnr
-             ? fmt::format("its pictures are {:.1f} dB from the scene's", *report.pictures_psnr)
+  out += report.images_psnr
+             ? fmt::format("its pictures are {:.1f} dB from the scene's", *report.images_psnr)
              : std::string("its pictures were not compared");
   if (report.held_out_before && report.held_out_after) {
     const double before = report.held_out_before->psnr, after = report.held_out_after->psnr;

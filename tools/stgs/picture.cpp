@@ -10,7 +10,7 @@
 
 #include "exr.h"
 #include "options.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/metrics.h"
 

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "output_place.h"
+#include "output_path.h"
 
 namespace stgs::tools {
 namespace {

@@ -14,7 +14,7 @@ Result<std::unique_ptr<ByteSource>> open_place(Session& session, const std::stri
     session.log(1, fmt::format("at byte {}: {}; trying again in {:.1f} s", event.offset,
                                event.message, event.wait_seconds));
   };
-  return player::open_place(place, settings);
+  return player::open_location(place, settings);
 }
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& place) {
@@ -25,14 +25,14 @@ Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::str
 Status check_is_path(const std::string& place) {
   if (!player::is_url(place)) return {};
   return usage_error("{}: is a URL, of which this verb reads none; fetch the file first",
-                     player::shown_place(place));
+                     player::display_location(place));
 }
 
 Result<Scene> read_place(Session& session, const std::string& place) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_place(session, place));
-  SceneLosses losses;
-  STGS_ASSIGN(Scene scene, read_sound_scene(std::move(source), losses));
-  tell_losses(session, player::shown_place(place), losses, scene.metadata.time_base);
+  DamageReport losses;
+  STGS_ASSIGN(Scene scene, recover_scene(std::move(source), losses));
+  tell_losses(session, player::display_location(place), losses, scene.metadata.time_base);
   return scene;
 }
 

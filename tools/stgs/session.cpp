@@ -85,7 +85,7 @@ int Session::conclude(Status status) {
   if (world_ != nullptr) {
     const encoder::World::Conclusion conclusion = world_->conclude(status);
     status = conclusion.status;
-    silent_ = !conclusion.tell;
+    silent_ = !conclusion.should_report;
   }
   if (!status.ok() && interrupted()) status = runtime_error("interrupted: {}", status.message());
   if (!status.ok()) log(0, status.message());

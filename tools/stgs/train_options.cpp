@@ -5,7 +5,7 @@
 #include <filesystem>
 
 #include "options.h"
-#include "output_place.h"
+#include "output_path.h"
 #include "train_report.h"
 
 namespace stgs::tools {
@@ -63,7 +63,7 @@ void TrainOptions::declare(CLI::App& app) {
   app.add_option("--report", report_,
                  "Folder for a page with curves, test renders and statistics (index.html)")
       ->group(group);
-  app.add_option("--held-out", held_out_,
+  app.add_option("--num-evals", held_out_,
                  "How often in a run a few pictures of the test cameras are measured; 0: never")
       ->check(number_between(0, 1e6))
       ->capture_default_str()
@@ -71,7 +71,7 @@ void TrainOptions::declare(CLI::App& app) {
 }
 
 Status TrainOptions::check_places(const std::string& log_path,
-                                  std::vector<NamedPlace> places) const {
+                                  std::vector<NamedPath> places) const {
   places.push_back({"--checkpoint", checkpoint_});
   places.push_back({log_.empty() ? "--report" : "--log", log_path});
   places.push_back({"--report", report_});
@@ -92,7 +92,7 @@ Status TrainOptions::check_writable(const std::string& made) const {
 }
 
 Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
-                                                      std::vector<NamedPlace> written,
+                                                      std::vector<NamedPath> written,
                                                       const std::string& made) const {
   const CommonOptions& common = session.options;
   encoder::TrainSettings settings;
@@ -112,7 +112,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
   settings.checkpoint = checkpoint_;
   settings.checkpoint_interval = checkpoint_interval_;
   settings.log_path = log_;
-  settings.held_out_measures = held_out_;
+  settings.held_out_evaluations = held_out_;
   settings.perceptual_weights = perceptual_weights_;
   std::vector<std::string> names;
   for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
@@ -147,7 +147,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
 namespace {
 
 Json to_json(const encoder::HeldOutScore& score) {
-  return {{"psnr", score.psnr}, {"psnr_cc", score.psnr_cc}, {"pictures", score.pictures}};
+  return {{"psnr", score.psnr}, {"psnr_cc", score.psnr_cc}, {"images", score.images}};
 }
 
 Json to_json(const encoder::PerceptualReport& perceptual) {

@@ -71,7 +71,7 @@ Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
     rows.emplace_back(
         "held-out views",
         fmt::format("psnr {:.2f} dB, psnr_cc {:.2f} dB, mean of {} pictures", report.held_out->psnr,
-                    report.held_out->psnr_cc, report.held_out->pictures));
+                    report.held_out->psnr_cc, report.held_out->images));
   }
   return rows;
 }
@@ -91,7 +91,7 @@ void add_curves(const encoder::TrainingLog& log, bool with_perceptual, encoder::
       primitives.points.emplace_back(x(step), static_cast<double>(step.primitives));
       perceptual.points.emplace_back(x(step), step.perceptual);
     }
-    for (const encoder::LoggedMeasure& measure : log.measures) {
+    for (const encoder::LoggedEvaluation& measure : log.evaluations) {
       psnr.points.emplace_back(x(measure), measure.score.psnr);
       psnr_cc.points.emplace_back(x(measure), measure.score.psnr_cc);
     }
@@ -103,18 +103,19 @@ void add_curves(const encoder::TrainingLog& log, bool with_perceptual, encoder::
 }
 
 void add_statistics(const SceneStatistics& statistics, encoder::ReportPage& page) {
-  auto lifespans = encoder::labelled(statistics.lifespans);
+  auto lifespans = encoder::histogram_bars(statistics.lifespans);
   lifespans.emplace_back("whole clip", static_cast<double>(statistics.whole_clip));
   page.bars({"Primitives by lifespan, seconds", lifespans});
-  page.bars({"Primitives by speed, scene units a second", encoder::labelled(statistics.speeds)});
+  page.bars(
+      {"Primitives by speed, scene units a second", encoder::histogram_bars(statistics.speeds)});
 }
 
 // Renders the sample of views from the final scene and writes each beside its truth.
 Status add_renders(const std::string& folder, const TrainReportInput& input,
                    encoder::ReportPage& page) {
-  auto views = encoder::sample_views(input.capture, true, encoder::kHeldOutPictures);
+  auto views = encoder::sample_views(input.capture, true, encoder::kMaxHeldOutImages);
   const bool test = !views.empty();
-  if (!test) views = encoder::sample_views(input.capture, false, encoder::kHeldOutPictures);
+  if (!test) views = encoder::sample_views(input.capture, false, encoder::kMaxHeldOutImages);
   page.heading(test ? "Test cameras, render and truth"
                     : "No camera was held out: training cameras, render and truth");
   SplatFrame frame;
@@ -135,8 +136,8 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
     STGS_TRY(write_png(folder + "/render_" + name, to_8bit(output.colour)));
     STGS_TRY(write_png(folder + "/truth_" + name, truth));
     const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
-    page.picture("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
-    page.picture("truth_" + name, caption + ": truth");
+    page.image("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
+    page.image("truth_" + name, caption + ": truth");
   }
   return {};
 }

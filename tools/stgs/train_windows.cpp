@@ -7,7 +7,7 @@
 
 #include "encode_options.h"
 #include "options.h"
-#include "output_place.h"
+#include "output_path.h"
 
 namespace stgs::tools {
 namespace {
@@ -94,7 +94,8 @@ void WindowOptions::declare(CLI::App& app) {
       ->capture_default_str()
       ->needs(window)
       ->group(group);
-  app.add_option("--part", part_, "Only window N of --window, from 0: for a job of an array")
+  app.add_option("--window-index", part_,
+                 "Only window N of --window, from 0: for a job of an array")
       ->check(number_between(0, 1e8))
       ->needs(window)
       ->group(group);
@@ -104,7 +105,7 @@ Result<encoder::PreparedCapture> WindowOptions::capture(const std::string& folde
   STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
   if (frames_.empty()) return capture;
   STGS_ASSIGN(const FrameRange range, parse_frames(frames_, capture.frames));
-  return encoder::window_of(capture, {range.begin, range.end});
+  return encoder::extract_window(capture, {range.begin, range.end});
 }
 
 Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
@@ -112,7 +113,7 @@ Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
   STGS_ASSIGN(auto spans, encoder::plan_windows(capture.frames, length_, overlap_));
   if (part_ < 0) return spans;
   if (static_cast<std::size_t>(part_) >= spans.size()) {
-    return usage_error("--part {}: there are {} windows, 0 to {}", part_, spans.size(),
+    return usage_error("--window-index {}: there are {} windows, 0 to {}", part_, spans.size(),
                        spans.size() - 1);
   }
   return std::vector<encoder::FrameSpan>{spans[static_cast<std::size_t>(part_)]};
@@ -121,7 +122,7 @@ Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
 Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
                                    const std::string& folder) const {
   STGS_ASSIGN(const auto plan, encoder::plan_windows(capture.frames, length_, overlap_));
-  STGS_ASSIGN(const encoder::PreparedCapture first, encoder::window_of(capture, plan.front()));
+  STGS_ASSIGN(const encoder::PreparedCapture first, encoder::extract_window(capture, plan.front()));
   for (const std::string& path : scenes_in(folder)) {
     const auto reader = SceneReader::open(path);
     // What is no scene, or no window, is of another hand; in the place of a window it is told
@@ -150,14 +151,14 @@ Status train_windows(const encoder::PreparedCapture& capture,
   STGS_ASSIGN(const std::uint64_t training, encoder::settings_id(settings));
   // All before the first is trained: it may take hours.
   for (const encoder::FrameSpan& span : spans) {
-    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
+    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::extract_window(capture, span));
     STGS_TRY(is_there(path_of(folder, span), window, training).status());
   }
   Json windows = Json::array();
   std::string text;
   for (const encoder::FrameSpan& span : spans) {
     const std::string name = name_of(span), path = path_of(folder, span);
-    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::window_of(capture, span));
+    STGS_ASSIGN(const encoder::PreparedCapture window, encoder::extract_window(capture, span));
     STGS_ASSIGN(const bool kept, is_there(path, window, training));
     Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};
     row["training"] = nullptr;

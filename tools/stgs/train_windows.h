@@ -23,7 +23,7 @@ class WindowOptions {
   bool several() const { return length_ > 0; }
   // The capture, or the window of it that --frames asks for.
   Result<encoder::PreparedCapture> capture(const std::string& folder) const;
-  // With --window: the windows to train, all or that of --part.
+  // With --window: the windows to train, all or that of --window-index.
   Result<std::vector<encoder::FrameSpan>> spans(const encoder::PreparedCapture& capture) const;
   // With --window: kUsage, with what to do, where a window in the folder, which may not be there
   // yet, is none of the capture and this plan: all of a folder's windows go into one file.

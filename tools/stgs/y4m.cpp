@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "output_place.h"
+#include "output_path.h"
 #include "video.h"
 
 namespace stgs::tools {

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "math/settle.h"
+#include "math/damp.h"
 #include "perceptual/patch.h"
 #include "perceptual/vgg16.h"
 #include "stgs/encoder/prepared_capture.h"
@@ -38,7 +38,7 @@ struct BatchView {
 struct StepInput {
   math::PinholeCamera camera;
   float ticks = 0;                 // moment, frames
-  Picture truth;                   // the camera's size
+  TrainingImage ground_truth;      // the camera's size
   std::size_t colour_index = 0;    // which colour correction
   math::Vec3 background{0, 0, 0};  // sRGB-encoded
   // Share of the primitives that are left out, and from what they are drawn (dropped()).
@@ -46,7 +46,7 @@ struct StepInput {
   Random drop_random{0, 0, RandomPurpose::kDrop};
   int sh_degree = 0;                       // harmonics in use
   bool modulated = true;                   // false: f = 1
-  math::SettleRules settle{};              // not where it is coupled
+  math::DampingRules damping{};            // not where it is coupled
   bool learn_radius = true;                // false: r stays as it is
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification

@@ -109,7 +109,7 @@ Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress
     }
     SourceCamera calibrated = *it;
     calibrated.video = camera.video;
-    calibrated.pictures = std::move(camera.pictures);
+    calibrated.images = std::move(camera.images);
     camera = std::move(calibrated);
   }
   if (!lost.empty()) {

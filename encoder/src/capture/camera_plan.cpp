@@ -53,14 +53,14 @@ bool covered(const SourceCamera& source, double zoom, const FrameInfo& info) {
 
 void plan_undistortion(const SourceCamera& source, CameraPlan& plan) {
   const FrameInfo& info = plan.source;
-  double low = 1, high = kLargestZoom;
+  double low = 1, high = kMaxUndistortionZoom;
   if (!covered(source, 1, info)) {
-    plan.bordered = !covered(source, high, info);
-    while (!plan.bordered && high - low > 1e-4) {
+    plan.has_border = !covered(source, high, info);
+    while (!plan.has_border && high - low > 1e-4) {
       const double middle = 0.5 * (low + high);
       (covered(source, middle, info) ? high : low) = middle;
     }
-    plan.zoom = plan.bordered ? 1 : high;
+    plan.zoom = plan.has_border ? 1 : high;
   }
   const cv::Matx33d from = opencv_matrix(source, 1), to = opencv_matrix(source, plan.zoom);
   const cv::Size size(info.width, info.height);
@@ -85,7 +85,7 @@ Result<SourceCamera> fitted(SourceCamera camera, const FrameInfo& info) {
     return invalid_file(
         "{}: the frames of camera '{}' are {}x{}, but its calibration is for "
         "{}x{}, another shape",
-        camera.video.empty() ? camera.pictures.front() : camera.video, camera.name, info.width,
+        camera.video.empty() ? camera.images.front() : camera.video, camera.name, info.width,
         info.height, camera.width, camera.height);
   }
   camera.fx *= sx;

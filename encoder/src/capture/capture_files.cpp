@@ -98,10 +98,10 @@ bool find_frames(const std::string& folder, const std::string& name, SourceCamer
     camera.video = path;
     return true;
   }
-  camera.pictures = list_pictures(folder + "/" + name);
-  if (camera.pictures.empty()) camera.pictures = list_pictures(folder + "/" + name + "/images");
+  camera.images = list_pictures(folder + "/" + name);
+  if (camera.images.empty()) camera.images = list_pictures(folder + "/" + name + "/images");
   camera.numbered = true;
-  return !camera.pictures.empty();
+  return !camera.images.empty();
 }
 
 std::vector<SourceCamera> find_cameras(const std::string& folder) {
@@ -127,15 +127,15 @@ Result<bool> find_masks(const std::string& folder, const std::string& name, Sour
   const std::vector<std::string> found = list_pictures(folder + "/" + name);
   if (found.empty()) return false;
   camera.masks.clear();
-  if (camera.pictures.empty()) {
+  if (camera.images.empty()) {
     camera.masks = found;
     STGS_TRY(check_mask_numbers(camera));
     return true;
   }
   std::map<std::string, std::string> by_stem;
   for (const std::string& path : found) by_stem.emplace(stem_of(path), path);
-  for (std::size_t frame = 0; frame < camera.pictures.size(); ++frame) {
-    const std::string stem = stem_of(camera.pictures[frame]);
+  for (std::size_t frame = 0; frame < camera.images.size(); ++frame) {
+    const std::string stem = stem_of(camera.images[frame]);
     const auto it = by_stem.find(stem);
     if (it == by_stem.end()) {
       return io_error(

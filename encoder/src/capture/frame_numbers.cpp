@@ -85,10 +85,10 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
   for (const SourceCamera& camera : source.cameras) {
     all.emplace_back();
     if (!camera.numbered) continue;
-    STGS_ASSIGN(all.back(), numbers_of(camera.pictures, count, camera.name));
+    STGS_ASSIGN(all.back(), numbers_of(camera.images, count, camera.name));
     if (all.back().empty()) {
       log(1, fmt::format("{}: the names end in no frame number; taken in the order of the names",
-                         folder_of(camera.pictures.front())));
+                         folder_of(camera.images.front())));
       continue;
     }
     first = std::min(first, all.back().front());
@@ -98,7 +98,7 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
     if (all[i].empty()) continue;
     const SourceCamera& camera = source.cameras[i];
     STGS_TRY(
-        check_run(all[i], first, step, folder_of(camera.pictures.front()), camera.name, "picture"));
+        check_run(all[i], first, step, folder_of(camera.images.front()), camera.name, "picture"));
   }
   return {};
 }

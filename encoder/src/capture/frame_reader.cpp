@@ -40,7 +40,7 @@ Status check_size(const std::string& path, const SourceCamera& camera, int frame
 // kInvalidFile for a JPEG that was cut short, of which OpenCV makes a picture that is partly grey.
 Status check_whole(const std::string& path, const std::string& what) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
-  if (!jpeg_breaks_off(bytes)) return {};
+  if (!is_truncated_jpeg(bytes)) return {};
   return invalid_file(
       "{}: {} cannot be decoded: in {} bytes of JPEG there is no end-of-image marker: it was cut "
       "short, or its writer left that out; copy it again, or write it anew",
@@ -49,7 +49,7 @@ Status check_whole(const std::string& path, const std::string& what) {
 
 // Decodes the camera's picture of a frame, of any size.
 Result<cv::Mat> decode_picture(const SourceCamera& camera, int frame) {
-  const std::string& path = camera.pictures[static_cast<std::size_t>(frame)];
+  const std::string& path = camera.images[static_cast<std::size_t>(frame)];
   const std::string what = fmt::format("camera '{}' frame {}", camera.name, frame);
   return decode_file(path, what, kPictureFlags);
 }
@@ -99,7 +99,7 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
     STGS_ASSIGN(const cv::Mat image, decode_picture(camera, 0));
     info.width = image.cols;
     info.height = image.rows;
-    info.frames = static_cast<int>(camera.pictures.size());
+    info.frames = static_cast<int>(camera.images.size());
     return info;
   }
   STGS_ASSIGN(cv::VideoCapture video, open_video(camera));
@@ -124,7 +124,7 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
 
 Result<cv::Mat> read_picture(const SourceCamera& camera, int frame, int width, int height) {
   STGS_ASSIGN(cv::Mat image, decode_picture(camera, frame));
-  STGS_TRY(check_size(camera.pictures[static_cast<std::size_t>(frame)], camera, frame, image, width,
+  STGS_TRY(check_size(camera.images[static_cast<std::size_t>(frame)], camera, frame, image, width,
                       height));
   return image;
 }

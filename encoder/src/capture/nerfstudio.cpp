@@ -35,7 +35,7 @@ struct Picture {
 struct Group {
   SourceCamera camera;
   std::string label;
-  std::vector<Picture> pictures;
+  std::vector<Picture> images;
   bool own_folder = false;  // that holds no other camera's pictures
 };
 
@@ -141,26 +141,26 @@ Status add_entry(const Json& entry, const Json& top, const std::string& folder,
   }
   Picture picture{path, 0, entry.contains("time")};
   if (picture.timed) picture.time = entry.at("time").get<double>();
-  group->pictures.push_back(picture);
+  group->images.push_back(picture);
   return {};
 }
 
 void name_groups(std::vector<Group>& groups) {
   std::map<std::string, int> folders;
   const auto folder_of = [](const Group& group) {
-    const fs::path first = fs::path(group.pictures.front().path).parent_path();
-    for (const Picture& picture : group.pictures) {
+    const fs::path first = fs::path(group.images.front().path).parent_path();
+    for (const Picture& picture : group.images) {
       if (fs::path(picture.path).parent_path() != first) return std::string();
     }
     return first.filename().string();
   };
   for (const Group& group : groups) {
-    if (!group.pictures.empty()) ++folders[folder_of(group)];
+    if (!group.images.empty()) ++folders[folder_of(group)];
   }
   for (std::size_t i = 0; i < groups.size(); ++i) {
     Group& group = groups[i];
     group.camera.name = group.label;
-    if (group.pictures.empty()) continue;
+    if (group.images.empty()) continue;
     const std::string folder = folder_of(group);
     group.own_folder = !folder.empty() && folders[folder] == 1;
     if (!group.label.empty()) continue;
@@ -172,24 +172,23 @@ void name_groups(std::vector<Group>& groups) {
 Status order_pictures(const std::string& folder, std::vector<Group>& groups) {
   const Group* first = nullptr;
   for (Group& group : groups) {
-    const bool timed = std::all_of(group.pictures.begin(), group.pictures.end(),
+    const bool timed = std::all_of(group.images.begin(), group.images.end(),
                                    [](const Picture& p) { return p.timed; });
-    std::sort(group.pictures.begin(), group.pictures.end(),
-              [&](const Picture& a, const Picture& b) {
-                return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
-              });
-    for (const Picture& picture : group.pictures) group.camera.pictures.push_back(picture.path);
+    std::sort(group.images.begin(), group.images.end(), [&](const Picture& a, const Picture& b) {
+      return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
+    });
+    for (const Picture& picture : group.images) group.camera.images.push_back(picture.path);
     group.camera.numbered = !timed && group.own_folder;
-    if (!timed || group.pictures.empty()) continue;
+    if (!timed || group.images.empty()) continue;
     if (first == nullptr) first = &group;
-    const std::size_t common = std::min(first->pictures.size(), group.pictures.size());
+    const std::size_t common = std::min(first->images.size(), group.images.size());
     for (std::size_t i = 0; i < common; ++i) {
-      if (near(first->pictures[i].time, group.pictures[i].time)) continue;
+      if (near(first->images[i].time, group.images[i].time)) continue;
       return invalid_file(
           "{}: camera '{}' has its frame {} ({}) at time {}, but camera '{}' at "
           "time {}: the capture is not synchronised, or filmed with a moving camera",
-          folder, group.camera.name, i, group.pictures[i].path, group.pictures[i].time,
-          first->camera.name, first->pictures[i].time);
+          folder, group.camera.name, i, group.images[i].path, group.images[i].time,
+          first->camera.name, first->images[i].time);
     }
   }
   return {};
@@ -221,7 +220,7 @@ Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& 
       const std::string file = (fs::path(folder) / name.get<std::string>()).lexically_normal();
       for (SourceCamera& camera : capture.cameras) {
         camera.test |= camera.video == file ||
-                       std::count(camera.pictures.begin(), camera.pictures.end(), file) > 0;
+                       std::count(camera.images.begin(), camera.images.end(), file) > 0;
       }
     }
     return capture;

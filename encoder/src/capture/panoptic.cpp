@@ -41,7 +41,7 @@ Result<Entry> read_entry(const Json& meta, std::size_t frame, std::size_t index,
 
 Status add_mask(const std::string& folder, const std::string& picture, SourceCamera& camera) {
   const std::string path = folder + "/seg/" + fs::path(picture).replace_extension(".png").string();
-  const std::size_t frame = camera.pictures.size() - 1;
+  const std::size_t frame = camera.images.size() - 1;
   if (fs::exists(path)) {
     camera.masks.push_back(path);
   } else if (!camera.masks.empty()) {
@@ -94,11 +94,11 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
               path, entry.camera, frame);
         }
         SourceCamera& camera = capture.cameras[it->second];
-        if (camera.pictures.size() != frame) {
+        if (camera.images.size() != frame) {
           return invalid_file("{}: camera '{}' has {} pictures in frames 0 to {}", path,
-                              camera.name, camera.pictures.size() + 1, frame);
+                              camera.name, camera.images.size() + 1, frame);
         }
-        camera.pictures.push_back(folder + "/ims/" + entry.picture);
+        camera.images.push_back(folder + "/ims/" + entry.picture);
         STGS_TRY(add_mask(folder, entry.picture, camera));
       }
     }

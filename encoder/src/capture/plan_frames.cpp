@@ -132,8 +132,8 @@ Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
 std::string extension_of(const SourceCapture& source, const std::vector<CameraPlan>& plans) {
   std::string common;
   for (std::size_t i = 0; i < plans.size(); ++i) {
-    if (!plans[i].untouched() || source.cameras[i].pictures.empty()) return "png";
-    for (const std::string& path : source.cameras[i].pictures) {
+    if (!plans[i].is_identity() || source.cameras[i].images.empty()) return "png";
+    for (const std::string& path : source.cameras[i].images) {
       std::string extension = std::filesystem::path(path).extension().string();
       for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
       if (extension == ".jpeg") extension = ".jpg";
@@ -161,7 +161,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
       log(2, fmt::format("camera '{}': zoomed by {:.3f} so that undistortion leaves no border",
                          camera.name, plan.zoom));
     }
-    if (plan.bordered) {
+    if (plan.has_border) {
       log(1, fmt::format("camera '{}': its lens leaves borders after undistortion; they repeat the "
                          "picture's edge",
                          camera.name));

@@ -123,7 +123,7 @@ Status check(SourceCapture& capture) {
     if (!names.insert(camera.name).second) {
       return invalid_file("{}: has two cameras '{}'", capture.folder, camera.name);
     }
-    if (camera.video.empty() && camera.pictures.empty()) {
+    if (camera.video.empty() && camera.images.empty()) {
       return io_error("{}: camera '{}' has no frames", capture.folder, camera.name);
     }
     STGS_TRY(make_rigid(camera, capture.folder));

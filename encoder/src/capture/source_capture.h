@@ -30,11 +30,11 @@ struct SourceCamera {
   std::vector<double> distortion;  // kOpenCv: k1 k2 p1 p2 [k3 [k4 k5 k6]]; kFisheye: k1 k2 k3 k4
   double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // world to camera, OpenCV axes, row-major
   double translation[3] = {0, 0, 0};
-  bool test = false;                  // by the layout's own split
-  std::string video;                  // a file; or
-  std::vector<std::string> pictures;  // files in order of time
-  bool numbered = false;              // pictures: a folder's files, named by the frame's number
-  std::vector<std::string> masks;     // none, or one file a frame; 255 (or 1) = moving
+  bool test = false;                // by the layout's own split
+  std::string video;                // a file; or
+  std::vector<std::string> images;  // files in order of time
+  bool numbered = false;            // pictures: a folder's files, named by the frame's number
+  std::vector<std::string> masks;   // none, or one file a frame; 255 (or 1) = moving
 };
 
 struct SourceCapture {

@@ -96,7 +96,7 @@ Status take_frames(const std::string& folder, const std::vector<SourceCamera>& f
           folder, camera.name);
     }
     camera.video = it->video;
-    camera.pictures = it->pictures;
+    camera.images = it->images;
     camera.numbered = it->numbered;
   }
   for (const SourceCamera& other : found) {

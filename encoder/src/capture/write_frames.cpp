@@ -78,14 +78,14 @@ struct CameraJob {
 
   // The pictures already are what is written.
   bool copies() const {
-    return plan.untouched() && source.video.empty() &&
-           (capture.frame_extension == "jpg" || all_png(source.pictures));
+    return plan.is_identity() && source.video.empty() &&
+           (capture.frame_extension == "jpg" || all_png(source.images));
   }
 };
 
 Status copy_picture(const CameraJob& job, int frame) {
   const int number = job.capture.first_frame + frame;
-  const std::string& path = job.source.pictures[static_cast<std::size_t>(number)];
+  const std::string& path = job.source.images[static_cast<std::size_t>(number)];
   if (!fs::exists(path)) {
     return io_error("{}: camera '{}' frame {} is missing", path, job.source.name, number);
   }

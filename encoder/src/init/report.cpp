@@ -102,7 +102,7 @@ ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
   page.table(seconds);
   for (const Section& section : sections) {
     page.heading(section.title);
-    for (const auto& [file, caption] : section.pictures) page.picture(file, caption);
+    for (const auto& [file, caption] : section.pictures) page.image(file, caption);
   }
   return page;
 }

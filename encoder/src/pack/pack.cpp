@@ -5,14 +5,14 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "pack/picture_loss.h"
 #include "pack/rate.h"
+#include "pack/render_psnr.h"
 #include "stgs/encoder/windows.h"
+#include "stgs/format/damage_report.h"
 #include "stgs/format/differences.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/output_file.h"
-#include "stgs/format/scene_losses.h"
 
 namespace stgs::encoder {
 namespace {
@@ -61,17 +61,17 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
                            path));
       }
     }
-    SceneLosses losses;
-    STGS_ASSIGN(Scene scene, read_sound_scene(path, losses));
-    for (const std::string& line : losses_text(losses, scene.metadata.time_base)) {
+    DamageReport losses;
+    STGS_ASSIGN(Scene scene, recover_scene(path, losses));
+    for (const std::string& line : describe_damage(losses, scene.metadata.time_base)) {
       if (log) log(1, fmt::format("{}: {}", path, line));
     }
     STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path));
     for (const std::string& extra : extras) {
       if (log) log(1, fmt::format("{}: is not carried over: {}", path, extra));
     }
-    report.lost_segments += losses.segments;
-    report.lost_harmonics += losses.harmonics;
+    report.damaged_segments += losses.segments;
+    report.damaged_sh_segments += losses.segments_without_sh;
     windows.push_back({path, std::move(scene)});
   }
   if (windows.size() == 1) return std::move(windows.front().scene);
@@ -90,9 +90,9 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
 
 // What the settings say of unit, up, floor and sound.
 Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
-  if (settings.sound) {
-    metadata.sound = *settings.sound;
-    metadata.sound_begin = metadata.time_base.ticks(settings.sound_begin);
+  if (settings.audio) {
+    metadata.audio = *settings.audio;
+    metadata.audio_begin = metadata.time_base.ticks(settings.audio_begin);
   }
   if (settings.metres_per_unit) metadata.metres_per_unit = *settings.metres_per_unit;
   if (settings.up) {
@@ -114,7 +114,7 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
 
 }  // namespace
 
-Status check_space(const PackSettings& settings) {
+Status check_up_and_floor(const PackSettings& settings) {
   SceneMetadata unsaid;
   return set_space(settings, unsaid);
 }
@@ -131,9 +131,9 @@ Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
         scene.parts.size());
   }
   STGS_ASSIGN(const PreparedCapture whole, read_prepared_capture(folder));
-  STGS_ASSIGN(const PreparedCapture capture, shown_part(whole, scene.metadata, name));
-  STGS_TRY(check_same_moments(capture, scene.metadata, name));
-  warn_of_other_capture(capture, scene.metadata, name, log);
+  STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(whole, scene.metadata, name));
+  STGS_TRY(check_same_times(capture, scene.metadata, name));
+  warn_if_other_capture(capture, scene.metadata, name, log);
   STGS_ASSIGN(HeldOutViews views, HeldOutViews::load(capture));
   if (views.empty()) return usage_error("{}: has no test cameras", folder);
   return views;
@@ -143,7 +143,7 @@ Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
 void measure_loss(const Scene& scene, const Scene& packed, const HeldOutViews* views,
                   const LogSink& log, PackReport& report) {
   try {
-    report.pictures_psnr = picture_loss(scene, packed);
+    report.images_psnr = render_psnr(scene, packed);
     if (views == nullptr) return;
     const float* b = scene.metadata.background;
     const math::Vec3 background{b[0], b[1], b[2]};

@@ -23,7 +23,7 @@ class PerceptualLoss {
  public:
   explicit PerceptualLoss(const Vgg16& network);
 
-  // L of a patch, at least kVggSmallest pixels a side and within both pictures. `shown` has 3
+  // L of a patch, at least kVggMinSize pixels a side and within both pictures. `shown` has 3
   // planes, nominally in [0,1]; weight dL/dshown is added to `d_shown`, which has its size.
   double evaluate(const Image& shown, const Image8& truth, const Patch& patch, float weight,
                   Image& d_shown);

@@ -92,9 +92,9 @@ Result<Safetensors> Safetensors::open(std::unique_ptr<ByteSource> source) {
     return invalid_file("{}: not a safetensors file, or cut short: its header needs {} bytes of {}",
                         file, length, size - kLengthBytes);
   }
-  if (length > kSafetensorsHeaderLimit) {
+  if (length > kMaxSafetensorsHeader) {
     return invalid_file("{}: the header's {} bytes are more than the {} that are read", file,
-                        length, kSafetensorsHeaderLimit);
+                        length, kMaxSafetensorsHeader);
   }
   std::vector<std::uint8_t> header(length);
   STGS_TRY(source->read(kLengthBytes, header));

@@ -19,7 +19,7 @@
 namespace stgs::encoder {
 
 // Bytes of a header, at most; VGG16's has 3,000.
-inline constexpr std::uint64_t kSafetensorsHeaderLimit = std::uint64_t{1} << 23;
+inline constexpr std::uint64_t kMaxSafetensorsHeader = std::uint64_t{1} << 23;
 
 class Safetensors {
  public:

@@ -30,7 +30,7 @@ inline constexpr std::array<VggLayer, 13> kVggLayers = {{
     {512, 512, 26, false, -1},
     {512, 512, 28, false, 4},
 }};
-inline constexpr int kVggSmallest = 16;  // pixels a side: what four poolings leave is not empty
+inline constexpr int kVggMinSize = 16;  // pixels a side: what four poolings leave is not empty
 
 // Colours in [0,1] go in as (colour - mean) / deviation. LPIPS's scaling layer, which takes
 // [-1,1], comes to the same.

@@ -20,7 +20,7 @@ int number_of(const char* name) {
 
 }  // namespace
 
-Launch launch_of_environment() {
+Launch detect_launch() {
   if (const int size = number_of("OMPI_COMM_WORLD_SIZE"); size > 1) return {size, "mpirun"};
   if (const int size = number_of("PMI_SIZE"); size > 1) return {size, "mpirun"};
   // An allocation or a batch script has SLURM_NTASKS too; only a step runs several of us.

@@ -51,8 +51,8 @@ class MpiWorld final : public World {
   int size() const override { return size_; }
   int node_rank() const override { return node_rank_; }
   int node_size() const override { return node_size_; }
-  Status gather(const void* own, std::size_t bytes, void* all) override;
-  Status others() override;
+  Status all_gather(const void* own, std::size_t bytes, void* all) override;
+  Status check_peers() override;
   Conclusion conclude(const Status& own) override;
   void finish() override;
 
@@ -88,7 +88,7 @@ Status MpiWorld::init(const Launch& launch) {
     return unsupported(
         "{} has started {} processes, but MPI knows of {}: use the mpirun of the MPI that this "
         "program was built with, or srun --mpi=pmix",
-        launch.starter, launch.size, size_);
+        launch.launcher, launch.size, size_);
   }
   notes_.resize(static_cast<std::size_t>(size_));
   char host[sizeof(own_.host)] = "";
@@ -122,7 +122,7 @@ Status MpiWorld::status_of(int rank) const {
           fmt::format("process {} of {}, on {}: {}", rank + 1, size_, note.host, note.text)};
 }
 
-Status MpiWorld::others() {
+Status MpiWorld::check_peers() {
   STGS_TRY(read_notes());
   for (int r = 0; r < size_; ++r) {
     const std::optional<Note>& note = notes_[static_cast<std::size_t>(r)];
@@ -131,8 +131,8 @@ Status MpiWorld::others() {
   return {};
 }
 
-Status MpiWorld::gather(const void* own, std::size_t bytes, void* all) {
-  STGS_TRY(others());
+Status MpiWorld::all_gather(const void* own, std::size_t bytes, void* all) {
+  STGS_TRY(check_peers());
   // Through memory of our own: MPI may still write to it after an error has ended the wait.
   const auto* from = static_cast<const std::uint8_t*>(own);
   sent_.assign(from, from + bytes);
@@ -143,7 +143,7 @@ Status MpiWorld::gather(const void* own, std::size_t bytes, void* all) {
     int done = 0;
     STGS_TRY(mpi_status(mpi_->gather_done(&done), "gathering"));
     if (done != 0) break;
-    STGS_TRY(others());
+    STGS_TRY(check_peers());
     std::this_thread::yield();
   }
   waiting_ = false;
@@ -207,16 +207,16 @@ bool World::is_built() {
 }
 
 Result<std::unique_ptr<World>> World::join() {
-  const Launch launch = launch_of_environment();
+  const Launch launch = detect_launch();
   if (launch.size == 1) return std::unique_ptr<World>();
   if (!is_built()) {
     return not_built(
         "{} has started {} processes, and this build has no MPI to train with them: build it where "
         "an MPI is installed (STGS_WITH_MPI), or start one process",
-        launch.starter, launch.size);
+        launch.launcher, launch.size);
   }
   if (launch.size > kMaxRanks) {
-    return unsupported("{} has started {} processes; at most {} train together", launch.starter,
+    return unsupported("{} has started {} processes; at most {} train together", launch.launcher,
                        launch.size, kMaxRanks);
   }
   std::error_code error;

@@ -78,7 +78,8 @@ math::Coupled coupled_of(const TrainState& state, std::size_t i) {
 }
 
 void derive_from_coupled(TrainState& state, std::size_t i) {
-  const math::CoupledDrawn drawn = math::coupled_drawn(coupled_of(state, i), state.coupled.tick);
+  const math::CoupledPrimitive drawn =
+      math::coupled_primitive(coupled_of(state, i), state.coupled.tick);
   const float u[3] = {drawn.u.x, drawn.u.y, drawn.u.z};
   std::copy_n(u, 3, &state.set.velocity[3 * i]);
   std::copy_n(u, 3, &state.velocity[3 * i]);
@@ -90,10 +91,10 @@ void derive_from_coupled(TrainState& state, std::size_t i) {
 }
 
 math::Coupled coupled_backward(const TrainState& state, std::size_t i,
-                               const math::CoupledDrawnGrad& by) {
+                               const math::CoupledPrimitiveGrad& by) {
   const float* s = &state.set.log_scale[3 * i];
-  return math::coupled_drawn_grad(coupled_of(state, i), state.coupled.tick, {s[0], s[1], s[2]},
-                                  read4(state.set.rotation, i), by);
+  return math::coupled_primitive_grad(coupled_of(state, i), state.coupled.tick, {s[0], s[1], s[2]},
+                                      read4(state.set.rotation, i), by);
 }
 
 }  // namespace stgs::encoder

@@ -21,6 +21,6 @@ void derive_from_coupled(TrainState& state, std::size_t i);
 
 // The gradient by primitive i's parameters from the one by what the set holds of it.
 math::Coupled coupled_backward(const TrainState& state, std::size_t i,
-                               const math::CoupledDrawnGrad& by);
+                               const math::CoupledPrimitiveGrad& by);
 
 }  // namespace stgs::encoder

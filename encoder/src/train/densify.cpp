@@ -129,7 +129,7 @@ std::size_t replacement_room(const HyperParameters& parameters, std::size_t aliv
   return std::min({dead, alive, limit});
 }
 
-std::size_t remove_broken(TrainState& state) {
+std::size_t remove_non_finite(TrainState& state) {
   std::vector<std::uint32_t> kept;
   for (std::size_t i = 0; i < state.size(); ++i) {
     if (finite(state, i)) kept.push_back(static_cast<std::uint32_t>(i));
@@ -155,7 +155,7 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   const std::size_t before = state.size();
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.broken);
+  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.non_finite);
   counts.removed = before - kept.size();
   if (counts.removed > 0) state.keep(kept);
 
@@ -208,7 +208,7 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   if (state.size() == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.broken);
+  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.non_finite);
   std::vector<bool> alive(state.size(), false);
   for (std::uint32_t i : kept) alive[i] = true;
   std::vector<std::uint32_t> dead;

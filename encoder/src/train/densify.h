@@ -13,7 +13,7 @@ namespace stgs::encoder {
 
 struct DensifyCounts {
   std::size_t cloned = 0, split = 0, removed = 0, replaced = 0;
-  std::size_t broken = 0;  // of the removed or replaced: with a value that is not a number
+  std::size_t non_finite = 0;  // of the removed or replaced: with a value that is not a number
 };
 
 struct DensifyContext {
@@ -48,7 +48,7 @@ std::vector<float> densification_scores(const TrainState& state, const HyperPara
                                         bool modulated);
 
 // Removes primitives with a value that is not finite; how many.
-std::size_t remove_broken(TrainState& state);
+std::size_t remove_non_finite(TrainState& state);
 
 // Caps every opacity at twice what is pruned, so that what is not needed dies (3DGS; first stage
 // only).

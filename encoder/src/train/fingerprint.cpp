@@ -67,7 +67,7 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
   return out;
 }
 
-Fingerprint pictures_of(const PreparedCapture& capture) {
+Fingerprint image_fingerprint(const PreparedCapture& capture) {
   Fingerprint out;
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;

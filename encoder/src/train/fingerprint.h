@@ -28,7 +28,7 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
 Fingerprint fingerprint_of(const PreparedCapture& capture);
 
 // Of the training cameras' pictures, as they are now: a stat a file.
-Fingerprint pictures_of(const PreparedCapture& capture);
+Fingerprint image_fingerprint(const PreparedCapture& capture);
 
 // As a checkpoint holds it. The error is a reason without a file's name.
 std::string fingerprint_text(const Fingerprint& fingerprint);

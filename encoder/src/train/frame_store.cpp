@@ -142,13 +142,13 @@ std::uint64_t FrameStore::next() const {
   return now_ - first_ < plan_.size() ? plan_[now_ - first_] : kNeverUsed;
 }
 
-Result<Picture> FrameStore::acquire(std::uint64_t id) {
+Result<TrainingImage> FrameStore::acquire(std::uint64_t id) {
   std::unique_lock lock(mutex_);
   Entry& entry = entries_[id];
   const bool expected = now_ - first_ < plan_.size() && plan_[now_ - first_] == id;
   // What was announced comes later by as much as comes in between.
   if (!expected) ++first_;
-  Picture picture;
+  TrainingImage picture;
   picture.id = id;
   picture.use = now_;
   picture.next_use = expected ? next_after_[now_ - first_] : entry.next_use;

@@ -61,7 +61,7 @@ class FrameStore {
   std::uint64_t next() const;
   // A picture, announced or not; waits at most until it has been decoded. The error is the
   // decoder's. One thread acquires and announces.
-  Result<Picture> acquire(std::uint64_t id);
+  Result<TrainingImage> acquire(std::uint64_t id);
   FrameStatistics statistics() const;
 
  private:

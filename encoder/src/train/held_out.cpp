@@ -28,7 +28,7 @@ std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test,
 
 Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture) {
   HeldOutViews held_out;
-  for (const SampledView& sampled : sample_views(capture, true, kHeldOutPictures)) {
+  for (const SampledView& sampled : sample_views(capture, true, kMaxHeldOutImages)) {
     const Camera& camera = capture.cameras[sampled.camera];
     View view;
     view.camera = camera.pinhole(capture.near_plane);
@@ -52,11 +52,11 @@ HeldOutScore HeldOutViews::measure(const Gaussians4D& set, math::Vec3 background
     const Image truth = to_float(view.truth);
     score.psnr += psnr_of(mean_squared_error(output.colour, truth));
     score.psnr_cc += psnr_of(colour_corrected_error(output.colour, truth));
-    ++score.pictures;
+    ++score.images;
   }
-  if (score.pictures > 0) {
-    score.psnr /= score.pictures;
-    score.psnr_cc /= score.pictures;
+  if (score.images > 0) {
+    score.psnr /= score.images;
+    score.psnr_cc /= score.images;
   }
   return score;
 }

@@ -107,7 +107,7 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
       return invalid_file("{}: a point has frame {}, but the capture has frames 0 to {}",
                           dynamic_path, point.frame, frames - 1);
     }
-    point.frame -= capture.skipped();
+    point.frame -= capture.frame_offset();
   }
   std::erase_if(moving, [&capture](const InitialPoint& point) {
     return point.frame < 0 || point.frame >= capture.frames;

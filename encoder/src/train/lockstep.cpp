@@ -12,7 +12,7 @@ namespace {
 template <typename T>
 Result<std::vector<T>> gather(Ranks& ranks, const T& own) {
   std::vector<T> all(static_cast<std::size_t>(ranks.size()));
-  STGS_TRY(ranks.gather(&own, sizeof(T), all.data()));
+  STGS_TRY(ranks.all_gather(&own, sizeof(T), all.data()));
   return all;
 }
 

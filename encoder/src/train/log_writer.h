@@ -18,7 +18,7 @@ class LogWriter {
 
   bool is_open() const { return file_.is_open(); }
   void write(const LoggedStep& step);
-  void write(const LoggedMeasure& measure);
+  void write(const LoggedEvaluation& measure);
   // kIo where a line could not be written.
   Status check() const;
 

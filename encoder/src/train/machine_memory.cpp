@@ -44,14 +44,16 @@ std::uint64_t own_group_room() {
   std::ifstream file("/proc/self/cgroup");
   std::string line;
   while (std::getline(file, line)) {
-    if (line.rfind("0::/", 0) == 0) return group_room("/sys/fs/cgroup", line.substr(4));
+    if (line.rfind("0::/", 0) == 0)
+      return cgroup_available_memory("/sys/fs/cgroup", line.substr(4));
   }
   return kNoLimit;
 }
 
 }  // namespace
 
-std::uint64_t group_room(const std::filesystem::path& root, std::filesystem::path group) {
+std::uint64_t cgroup_available_memory(const std::filesystem::path& root,
+                                      std::filesystem::path group) {
   std::uint64_t room = kNoLimit;
   for (;; group = group.parent_path()) {
     const std::filesystem::path folder = root / group;

@@ -24,9 +24,9 @@ Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
     log(2, "perceptual loss: off, for --perceptual-weights names no file");
     return term;
   }
-  if (parameters.perceptual_patch > 0 && parameters.perceptual_patch < kVggSmallest) {
+  if (parameters.perceptual_patch > 0 && parameters.perceptual_patch < kVggMinSize) {
     return usage_error("perceptual_patch must be 0, the whole picture, or at least {} pixels",
-                       kVggSmallest);
+                       kVggMinSize);
   }
   STGS_TRY(backend.check_perceptual());
   STGS_ASSIGN(term.network_, read_network(settings.perceptual_weights));
@@ -51,12 +51,12 @@ Status PerceptualTerm::check_sizes(const std::vector<Camera>& cameras) const {
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     const int shorter = std::min(camera.width, camera.height) / (half_sizes_ ? 2 : 1);
-    if (shorter >= kVggSmallest) continue;
+    if (shorter >= kVggMinSize) continue;
     return usage_error(
         "camera '{}': pictures of {}x{}{} are too small for the perceptual loss, which needs {} "
         "pixels a side: leave --perceptual-weights out",
         camera.name, camera.width, camera.height, half_sizes_ ? ", halved at first," : "",
-        kVggSmallest);
+        kVggMinSize);
   }
   return {};
 }

@@ -13,7 +13,7 @@ namespace stgs::encoder {
 inline constexpr std::uint64_t kNeverUsed = ~std::uint64_t{0};
 
 // Whoever holds it keeps the pixels alive, whatever becomes of the store that they came from.
-struct Picture {
+struct TrainingImage {
   std::shared_ptr<const Image8> pixels;
   std::uint64_t id = 0;  // one id is one picture through a run
   // When it is used, counted in pictures handed out, and when the next time; so that a cache can
@@ -22,7 +22,7 @@ struct Picture {
 };
 
 // Pixels that the caller keeps alive.
-inline Picture borrowed_picture(const Image8& image, std::uint64_t id) {
+inline TrainingImage borrowed_image(const Image8& image, std::uint64_t id) {
   return {std::shared_ptr<const Image8>(std::shared_ptr<void>(), &image), id};
 }
 

@@ -33,9 +33,9 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.rates[kRadius] = static_cast<float>(p.lr_radius);
   // What moves begins with a lifespan of a few frames, which is long in a short clip.
   const double still = std::max(p.still_from * capture.frames, p.still_least);
-  input.settle = {static_cast<float>(still / 2),
-                  static_cast<float>(p.velocity_shrink) * input.rates[kVelocity],
-                  static_cast<float>(p.velocity_share)};
+  input.damping = {static_cast<float>(still / 2),
+                   static_cast<float>(p.velocity_shrink) * input.rates[kVelocity],
+                   static_cast<float>(p.velocity_share)};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
   input.rate_colour = static_cast<float>(p.lr_colour);
   input.weight_l1 = static_cast<float>(p.weight_l1);
@@ -50,8 +50,8 @@ void set_batch_schedule(const HyperParameters& p, int views, StepInput& input) {
   const float larger = std::pow(many, static_cast<float>(p.batch_rate));
   for (float& rate : input.rates) rate *= larger;
   input.rate_sh0 *= larger;
-  input.settle.shrink *= larger;
-  input.settle.share = std::min(1.0f, input.settle.share * larger);
+  input.damping.shrink *= larger;
+  input.damping.share = std::min(1.0f, input.damping.share * larger);
   const float power = std::pow(many, static_cast<float>(p.batch_memory));
   input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
 }

@@ -80,13 +80,12 @@ void TrainState::resize(std::size_t n) {
   statistics.views.resize(n, 0);
 }
 
-void TrainState::settle(std::size_t i, float before, bool modulated,
-                        const math::SettleRules& rules) {
+void TrainState::damp(std::size_t i, float before, bool modulated,
+                      const math::DampingRules& rules) {
   float* v = &velocity[3 * i];
   const float sigma = std::exp(log_sigma[i]), radius = set.radius[i];
   const float ratio = modulated ? math::lifespan_modulation(sigma, radius) / before : 1.0f;
-  const math::Vec3 settled =
-      math::settled_velocity({v[0], v[1], v[2]}, ratio, sigma, radius, rules);
+  const math::Vec3 settled = math::damped_velocity({v[0], v[1], v[2]}, ratio, sigma, radius, rules);
   v[0] = settled.x;
   v[1] = settled.y;
   v[2] = settled.z;

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "math/settle.h"
+#include "math/damp.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/lang.h"
 
@@ -85,8 +85,8 @@ struct TrainState {
 
   void resize(std::size_t n);
   bool is_coupled() const { return coupled.tick > 0; }
-  // math::settled_velocity of primitive i, whose lifespan had the modulation `before`.
-  void settle(std::size_t i, float before, bool modulated, const math::SettleRules& rules);
+  // math::damped_velocity of primitive i, whose lifespan had the modulation `before`.
+  void damp(std::size_t i, float before, bool modulated, const math::DampingRules& rules);
   // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1. Where it
   // is coupled, all that derives from the coupled form.
   void derive(std::size_t i, bool modulated);

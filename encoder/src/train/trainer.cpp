@@ -31,7 +31,7 @@ double seconds_since(Clock::time_point start) {
 Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
                  ProgressSink progress, LogSink log)
     : capture_(capture),
-      pictures_(pictures_of(capture)),
+      pictures_(image_fingerprint(capture)),
       settings_(settings),
       progress_(std::move(progress)),
       log_(log ? std::move(log) : [](int, const std::string&) {}),
@@ -64,7 +64,7 @@ Status Trainer::prepare_state() {
   } else {
     STGS_TRY(resume());
   }
-  if (settings_.held_out_measures > 0 && ranks_.first()) {
+  if (settings_.held_out_evaluations > 0 && ranks_.first()) {
     Result<HeldOutViews> held_out = HeldOutViews::load(capture_);
     if (held_out.ok()) {
       held_out_ = std::move(*held_out);
@@ -105,7 +105,7 @@ Status Trainer::prepare_ranks() {
   STGS_TRY(ranks_.same_text(fingerprint_text(settings_fingerprint()), "capture or other settings"));
   STGS_TRY(ranks_.same_text(
       fmt::format("{} {} {} {}", !settings_.checkpoint.empty(), settings_.checkpoint_interval,
-                  !settings_.log_path.empty(), settings_.held_out_measures),
+                  !settings_.log_path.empty(), settings_.held_out_evaluations),
       "checkpoint, log or measures"));
   STGS_TRY(ranks_.same_text(fmt::format("{:016x}", state_hash(state_)), "start"));
   const auto steps = (static_cast<std::uint64_t>(parameters_.iterations) + ranks_.size() - 1) /
@@ -192,7 +192,7 @@ Result<StepInput> Trainer::step_input() {
   StepInput input;
   input.camera = images_.pinhole(camera, level, capture_.near_plane);
   input.ticks = static_cast<float>(frame);
-  STGS_ASSIGN(input.truth, images_.next([this](std::uint64_t k) {
+  STGS_ASSIGN(input.ground_truth, images_.next([this](std::uint64_t k) {
     return view_at(state_.iteration + k * static_cast<std::uint64_t>(ranks_.size()), ranks_.rank());
   }));
   input.colour_index = camera;
@@ -249,10 +249,10 @@ Status Trainer::densify() {
   STGS_ASSIGN(const DensifyCounts counts,
               backend_->densify({&parameters_, context, plan.replace, reset}));
   if (reset) ++state_.opacity_resets;
-  if (counts.broken > 0) {
+  if (counts.non_finite > 0) {
     log_(1,
          fmt::format("iteration {}: {} primitives had values that are not numbers and were removed",
-                     state_.iteration, counts.broken));
+                     state_.iteration, counts.non_finite));
   }
   log_(3, fmt::format("iteration {}: {} primitives; {} cloned, {} split, {} removed, {} replaced",
                       state_.iteration, backend_->size(), counts.cloned, counts.split,
@@ -324,12 +324,12 @@ void Trainer::write_log() {
 }
 
 int Trainer::measures_due() const {
-  return static_cast<int>(share() * settings_.held_out_measures);
+  return static_cast<int>(share() * settings_.held_out_evaluations);
 }
 
 Status Trainer::measure_held_out() {
   // Where several train, the first measures and all bring their states along.
-  const bool measures = ranks_.size() > 1 ? settings_.held_out_measures > 0 : !held_out_.empty();
+  const bool measures = ranks_.size() > 1 ? settings_.held_out_evaluations > 0 : !held_out_.empty();
   if (!measures || measures_due() == measured_) return {};
   measured_ = measures_due();
   STGS_TRY(read_steps());
@@ -337,7 +337,7 @@ Status Trainer::measure_held_out() {
   STGS_TRY(backend_->synchronise());
   if (held_out_.empty()) return {};
   if (measure_held_out_now()) {
-    log_file_.write(LoggedMeasure{state_.iteration, state_.seconds, *score_});
+    log_file_.write(LoggedEvaluation{state_.iteration, state_.seconds, *score_});
   }
   started_ += Clock::now() - begin;
   return {};
@@ -421,7 +421,7 @@ Status Trainer::train() {
   STGS_TRY(synchronise());
   STGS_TRY(save_checkpoint_if_possible());
   // After the checkpoint, which takes the state from the backend once more.
-  const std::size_t broken = remove_broken(state_);
+  const std::size_t broken = remove_non_finite(state_);
   if (state_.size() == 0) {
     return runtime_error(
         "training left nothing: {}; no scene is written",

@@ -9,9 +9,9 @@
 #include <new>
 #include <utility>
 
+#include "train/compute_importance.h"
 #include "train/start_camera.h"
 #include "train/trainer.h"
-#include "train/weigh.h"
 
 namespace stgs::encoder {
 namespace {
@@ -41,7 +41,7 @@ Result<std::vector<float>> Trainer::importance() {
   };
   const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
   std::optional<std::vector<float>> weighed =
-      weigh_primitives(*backend_, *make_cpu_backend(), state_, views, go_on, log_);
+      compute_importance(*backend_, *make_cpu_backend(), state_, views, go_on, log_);
   importance_seconds_ = seconds();
   if (weighed) return *std::move(weighed);
   return runtime_error("stopped at iteration {}, before the scene was complete; {}",

@@ -151,7 +151,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
   TrainPlan plan;
   plan.primitives = static_cast<std::size_t>(choice.parameters.max_primitives);
   plan.sh_coefficients = math::sh_coefficients(choice.parameters.sh_degree);
-  plan.width = plan.height = kVggSmallest;  // where no camera is known, what every term takes
+  plan.width = plan.height = kVggMinSize;  // where no camera is known, what every term takes
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     plan.width = std::max(plan.width, camera.width);

@@ -62,7 +62,8 @@ std::uint64_t TrainingImages::id_of(const TrainingView& view) const {
   return FrameStore::id_of(index, view.level);
 }
 
-Result<Picture> TrainingImages::next(const std::function<TrainingView(std::uint64_t k)>& upcoming) {
+Result<TrainingImage> TrainingImages::next(
+    const std::function<TrainingView(std::uint64_t k)>& upcoming) {
   const std::uint64_t id = id_of(upcoming(0));
   // At least one whole turn of all views is known at any time.
   if (store_->announced() < views() || store_->next() != id) {

@@ -34,7 +34,7 @@ class TrainingImages {
   std::size_t views() const { return cameras_.size() * static_cast<std::size_t>(frames_); }
   // The picture of upcoming(0), where upcoming(k) is the view k steps later, as far as is known.
   // The error names the file.
-  Result<Picture> next(const std::function<TrainingView(std::uint64_t k)>& upcoming);
+  Result<TrainingImage> next(const std::function<TrainingView(std::uint64_t k)>& upcoming);
   // The camera of a level; near_plane in scene units.
   math::PinholeCamera pinhole(std::size_t camera, int level, float near_plane) const;
   FrameStatistics statistics() const { return store_->statistics(); }

@@ -26,13 +26,13 @@ Json to_json(const LoggedStep& step) {
           {"visible", step.visible}};
 }
 
-Json to_json(const LoggedMeasure& measure) {
+Json to_json(const LoggedEvaluation& measure) {
   return {{"iteration", measure.iteration},
           {"seconds", measure.seconds},
           {"held_out",
            {{"psnr", measure.score.psnr},
             {"psnr_cc", measure.score.psnr_cc},
-            {"pictures", measure.score.pictures}}}};
+            {"images", measure.score.images}}}};
 }
 
 void add_line(const Json& json, TrainingLog& log) {
@@ -41,8 +41,8 @@ void add_line(const Json& json, TrainingLog& log) {
   if (const auto held_out = json.find("held_out"); held_out != json.end()) {
     const HeldOutScore score{held_out->at("psnr").get<double>(),
                              held_out->at("psnr_cc").get<double>(),
-                             held_out->at("pictures").get<int>()};
-    log.measures.push_back({iteration, seconds, score});
+                             held_out->at("images").get<int>()};
+    log.evaluations.push_back({iteration, seconds, score});
     return;
   }
   log.steps.push_back(
@@ -102,7 +102,7 @@ void LogWriter::write(const LoggedStep& step) {
   if (is_open()) file_ << to_json(step).dump() << '\n' << std::flush;
 }
 
-void LogWriter::write(const LoggedMeasure& measure) {
+void LogWriter::write(const LoggedEvaluation& measure) {
   if (is_open()) file_ << to_json(measure).dump() << '\n' << std::flush;
 }
 

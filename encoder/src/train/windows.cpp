@@ -62,7 +62,7 @@ Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap)
   return spans;
 }
 
-Result<PreparedCapture> window_of(const PreparedCapture& capture, const FrameSpan& span) {
+Result<PreparedCapture> extract_window(const PreparedCapture& capture, const FrameSpan& span) {
   if (span.begin < 0 || span.begin >= span.end || span.end > capture.frames) {
     return usage_error("frames {}:{} are out of range: {} has {} frames", span.begin, span.end,
                        capture.folder, capture.frames);
@@ -78,18 +78,18 @@ Result<PreparedCapture> window_of(const PreparedCapture& capture, const FrameSpa
 PreparedCapture whole_of(const PreparedCapture& window) {
   PreparedCapture whole = window;
   if (!window.window) return whole;
-  whole.first_frame -= window.skipped();
+  whole.first_frame -= window.frame_offset();
   whole.frames = static_cast<int>(window.window->capture_frames);
   whole.window.reset();
   return whole;
 }
 
-Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMetadata& scene,
-                                   const std::string& name) {
+Result<PreparedCapture> capture_for_scene(const PreparedCapture& capture,
+                                          const SceneMetadata& scene, const std::string& name) {
   if (!scene.window) return capture;
   const auto begin = static_cast<int>(scene.window->first_frame);
   const FrameSpan span = {begin, begin + static_cast<int>(scene.frames)};
-  Result<PreparedCapture> window = window_of(capture, span);
+  Result<PreparedCapture> window = extract_window(capture, span);
   if (!window.ok() || window->window->capture != scene.window->capture) {
     return usage_error("{}: is a window (frames {}:{}) of another capture than {}", name,
                        span.begin, span.end, capture.folder);
@@ -97,8 +97,8 @@ Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMe
   return window;
 }
 
-Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
-                          const std::string& name) {
+Status check_same_times(const PreparedCapture& shown, const SceneMetadata& scene,
+                        const std::string& name) {
   if (static_cast<std::int64_t>(scene.frames) == shown.frames &&
       scene.time_base == shown.time_base) {
     return {};
@@ -109,7 +109,7 @@ Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& sce
       shown.frames, shown.time_base.numerator, shown.time_base.denominator);
 }
 
-void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
+void warn_if_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
                            const std::string& name, const LogSink& log) {
   if (!log || !scene.start_camera) return;
   const bool known =

@@ -60,7 +60,7 @@ Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Scene
         errors.colour_max = std::max(errors.colour_max, d * math::kSh00);
         colour += d * d * math::kSh00 * math::kSh00;
       } else {
-        errors.harmonics_max = std::max(errors.harmonics_max, d);
+        errors.sh_max = std::max(errors.sh_max, d);
         harmonics += d * d;
       }
     }
@@ -69,7 +69,7 @@ Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Scene
   errors.position_rms = std::sqrt(position / n);
   errors.colour_rms = std::sqrt(colour / (3.0 * n));
   const double rest = std::max<double>(1.0, 3.0 * static_cast<double>(coefficients - 1) * n);
-  errors.harmonics_rms = std::sqrt(harmonics / rest);
+  errors.sh_rms = std::sqrt(harmonics / rest);
   return errors;
 }
 

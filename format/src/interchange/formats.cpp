@@ -29,7 +29,7 @@ bool holds_spz(const std::string&, Head head) {
 }
 bool holds_sog(const std::string& path, Head head) {
   return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
-         (starts_with(head, "{") && name_ending(path) == ".json");
+         (starts_with(head, "{") && file_extension(path) == ".json");
 }
 bool holds_splatv(const std::string&, Head head) {
   return is_splatv(head);
@@ -80,14 +80,14 @@ std::span<const InterchangeFormat> interchange_formats() {
   return kFormats;
 }
 
-std::string name_ending(const std::string& path) {
+std::string file_extension(const std::string& path) {
   std::string ending = std::filesystem::path(path).extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return ending;
 }
 
-Result<const InterchangeFormat*> format_of_content(const std::string& path) {
+Result<const InterchangeFormat*> detect_format(const std::string& path) {
   std::vector<std::uint8_t> head;
   std::error_code error;
   if (!std::filesystem::is_directory(path, error)) {
@@ -110,10 +110,10 @@ Result<Scene> read_interchange(const InterchangeFormat& format, const std::strin
   return format.read(*source, limits, &report.notes);
 }
 
-const InterchangeFormat* format_to_write(const std::string& path) {
-  const std::string ending = name_ending(path);
+const InterchangeFormat* format_for_output(const std::string& path) {
+  const std::string ending = file_extension(path);
   const auto found = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
-    return format.write != nullptr && ending == format.ending;
+    return format.write != nullptr && ending == format.extension;
   });
   return found == kFormats.end() ? nullptr : &*found;
 }

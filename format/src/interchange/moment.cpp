@@ -60,7 +60,7 @@ Scene static_scene(Gaussians4D set) {
   return scene;
 }
 
-Result<Gaussians4D> at_moment(const Scene& scene, double ticks) {
+Result<Gaussians4D> snapshot_at(const Scene& scene, double ticks) {
   if (!(ticks >= 0.0 && ticks <= scene.metadata.frames)) {
     const TimeBase& base = scene.metadata.time_base;
     return usage_error("the moment {} s is not within the scene's {} s", base.seconds(ticks),

@@ -324,7 +324,7 @@ Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, Conver
   for (const std::string& model : models) {
     const std::filesystem::path place(model);
     std::string meta_name = "meta.json";
-    if (name_ending(model) != ".json") {
+    if (file_extension(model) != ".json") {
       STGS_ASSIGN(std::unique_ptr<NamedFiles> bundle, zip_files(model));
       files.push_back(std::move(bundle));
     } else {

@@ -180,7 +180,7 @@ std::optional<StartCamera> start_camera(const json& cameras) {
   const auto focal = number_list({member(c, "fx"), member(c, "fy")}, 2, "");
   if (!position.ok() || !size.ok() || !focal.ok() || !is_rotation(to_world)) return {};
   for (double side : *size) {
-    if (!(side >= 1 && side <= kMaxPictureSide)) return {};
+    if (!(side >= 1 && side <= kMaxImageSide)) return {};
   }
   if (!((*focal)[0] > 0 && (*focal)[1] > 0)) return {};
   for (std::size_t i = 0; i < 3; ++i) {

@@ -33,7 +33,7 @@ class CpuRenderer final : public Renderer {
     STGS_ASSIGN(const Timeline::Active active, timeline.at(seconds));
     sums.fetch_ms = lap(clock);
     sums.stored = timeline.stored_primitives();
-    for (const auto& part : active.parts) sums.alive += part.candidates->size();
+    for (const auto& part : active.segments) sums.active += part.candidates->size();
     try {
       frames_.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames_[i], sums);
@@ -61,7 +61,7 @@ class CpuRenderer final : public Renderer {
     if (view.fovea) settings.fovea = fovea_of(view);
     auto clock = Clock::now();
     begin_frame(view.camera, splats_);
-    for (const auto& part : active.parts) {
+    for (const auto& part : active.segments) {
       slice(*part.set, *part.candidates, part.ticks, view.camera, settings, part.id_base, splats_);
     }
     stats.slice_ms += lap(clock);
@@ -76,7 +76,7 @@ class CpuRenderer final : public Renderer {
     std::swap(output_.alpha, frame.alpha);
     std::swap(output_.depth, frame.depth);
     stats.blend_ms += lap(clock);
-    stats.drawn += splats_.splats.size();
+    stats.splats += splats_.splats.size();
   }
 
   std::vector<Frame> frames_;

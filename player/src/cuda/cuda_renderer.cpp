@@ -62,14 +62,14 @@ class CudaRenderer final : public Renderer {
     try {
       RenderStats sums;
       const auto begin = Clock::now();
-      STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
+      STGS_ASSIGN(const auto alive, segments_.make_resident(timeline, seconds));
       list_parts(timeline, alive);
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
-      sums.waiting = segments_.waiting_primitives();
+      sums.pending = segments_.waiting_primitives();
       STGS_TRY(draw_views(timeline, seconds, views));
-      sums.alive = frame_.counted().alive;
-      sums.drawn = frame_.counted().visible;
+      sums.active = frame_.counted().alive;
+      sums.splats = frame_.counted().visible;
       STGS_TRY(frame_.add_times(sums));
       if (stats != nullptr) *stats = sums;
     } catch (const std::exception& e) {
@@ -90,7 +90,7 @@ class CudaRenderer final : public Renderer {
     return {};
   }
 
-  Status read_cuda(const std::vector<CudaPicture>& to, CUstream_st* stream) override {
+  Status read_cuda(const std::vector<CudaImage>& to, CUstream_st* stream) override {
     if (!drawn_) return usage_error("there is nothing drawn to be read");
     STGS_TRY(check_device());
     const Status started = frame_.read(to, stream);
@@ -119,10 +119,10 @@ class CudaRenderer final : public Renderer {
         current);
   }
 
-  void list_parts(const Timeline& timeline, const std::vector<Timeline::Needed>& needed) {
+  void list_parts(const Timeline& timeline, const std::vector<Timeline::SegmentRef>& needed) {
     parts_.clear();
     std::uint32_t chunks = 0;
-    for (const Timeline::Needed& one : needed) {
+    for (const Timeline::SegmentRef& one : needed) {
       Part part{};
       part.primitives = timeline.reader().segments()[one.segment].primitives;
       if (part.primitives == 0) continue;
@@ -147,15 +147,15 @@ class CudaRenderer final : public Renderer {
     const auto guess = [](std::uint64_t wanted, std::uint64_t guessed) {
       return wanted > 0 ? wanted : guessed;
     };
-    need.splats = guess(settings_.splats,
+    need.splats = guess(settings_.initial_splats,
                         std::min(kFirstSplats, std::uint64_t{need.chunks} * kChunk * views.size()));
-    need.instances = guess(settings_.instances, instances_guess(need.splats));
+    need.instances = guess(settings_.initial_instances, instances_guess(need.splats));
     return need;
   }
 
   // Each segment may leave a part of its last chunk.
   std::uint32_t chunks_at_fullest() const {
-    const auto& [primitives, segments] = segments_.fullest();
+    const auto& [primitives, segments] = segments_.peak();
     return static_cast<std::uint32_t>(
         std::min(primitives / kChunk + segments, kMaxSplats / kChunk));
   }
@@ -190,7 +190,7 @@ class CudaRenderer final : public Renderer {
     for (;;) {
       STGS_TRY(make_room(need));
       const Status started = frame_.start(views, parts_, degree_, grids_[degree_], buffers_,
-                                          settings_.graph, stream_.get());
+                                          settings_.use_graph, stream_.get());
       // Also after an error: what has begun uses the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());
       STGS_TRY(started);

@@ -10,10 +10,10 @@
 namespace stgs::player {
 
 struct CudaSettings {
-  bool graph = true;  // else the kernels are started one by one
+  bool use_graph = true;  // else the kernels are started one by one
   // Room to begin with; 0: by the primitives. A frame that needs more is drawn again with more.
-  std::uint64_t splats = 0;     // in views
-  std::uint64_t instances = 0;  // in tiles
+  std::uint64_t initial_splats = 0;     // in views
+  std::uint64_t initial_instances = 0;  // in tiles
 };
 
 // On the current device of the calling thread, which must stay the same. kNotBuilt without CUDA,

@@ -224,7 +224,7 @@ Status FrameGraph::read(std::vector<Frame>& frames) const {
   return {};
 }
 
-Status FrameGraph::read(std::span<const CudaPicture> to, cudaStream_t stream) const {
+Status FrameGraph::read(std::span<const CudaImage> to, cudaStream_t stream) const {
   if (to.size() != places_.size()) {
     return usage_error("{} views were drawn, not {}", places_.size(), to.size());
   }

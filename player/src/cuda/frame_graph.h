@@ -26,7 +26,7 @@ class FrameGraph {
   // Copies the pictures to the host, likewise.
   Status read(std::vector<Frame>& frames) const;
   // Starts to copy them to memory of the device, likewise.
-  Status read(std::span<const CudaPicture> to, cudaStream_t stream) const;
+  Status read(std::span<const CudaImage> to, cudaStream_t stream) const;
   // What the steps take, likewise; draws the frame once more for it, and waits.
   Result<RenderProfile> profile(const Grids& grids, const FrameBuffers& buffers,
                                 cudaStream_t stream);

@@ -30,7 +30,7 @@ Result<std::uint8_t*> HostStaging::next() {
   return parts_[filled_].memory.data();
 }
 
-Status HostStaging::send(void* to, std::size_t bytes, cudaStream_t stream) {
+Status HostStaging::upload(void* to, std::size_t bytes, cudaStream_t stream) {
   const Part& part = parts_[filled_];
   STGS_TRY(
       cuda_status(cudaMemcpyAsync(to, part.memory.data(), bytes, cudaMemcpyHostToDevice, stream),

@@ -18,7 +18,7 @@ class HostStaging {
   // The part that is to be filled, once the device has done with it.
   Result<std::uint8_t*> next();
   // Starts copying the beginning of that part, in the stream's order.
-  Status send(void* to, std::size_t bytes, cudaStream_t stream);
+  Status upload(void* to, std::size_t bytes, cudaStream_t stream);
 
  private:
   struct Part {

@@ -65,7 +65,7 @@ __device__ bool truncated(const MapJob& job, std::uint32_t q, float& out) {
   const std::uint32_t first = __float_as_uint(job.origin[0]);
   const std::uint32_t step = static_cast<std::uint32_t>(job.step.multiplier) << job.step.exponent;
   out = __fsub_rn(__uint_as_float(first + q * step), job.origin[1]);
-  return in_range(job, q) && q <= (kMostTruncated - first) / step;
+  return in_range(job, q) && q <= (kMaxTruncated - first) / step;
 }
 
 // spec 7.5.4.
@@ -73,9 +73,10 @@ __device__ float displacement(const MapJob& job, std::uint32_t i, std::uint32_t 
   const float reach = __fadd_rn(job.radius[i], __fmul_rn(2.0f, job.sigma[i]));
   const float lifespan = job.part_ticks < reach ? job.part_ticks : reach;
   const int life = static_cast<int>(__float_as_uint(lifespan) >> 23 & 0xFF) - 127;
-  const int exponent = job.step.exponent - min(max(life, kLeastLife), kGreatestLife);
-  return __fmul_rn(number(q), size_of(job.step.multiplier,
-                                      min(max(exponent, kLeastExponent), kGreatestExponent)));
+  const int exponent =
+      job.step.exponent - min(max(life, kMinLifespanExponent), kMaxLifespanExponent);
+  return __fmul_rn(number(q),
+                   size_of(job.step.multiplier, min(max(exponent, kMinExponent), kMaxExponent)));
 }
 
 // spec 7.5.7.
@@ -87,7 +88,7 @@ __device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
     e += 3 - (length >= 0.125f) - (length >= 0.5f) - (length >= 1.25f) - (length >= 2.375f) -
          (length >= 3.75f) - (length >= 5.0f);
   }
-  return min(max(e, kFinestRotation), kCoarsestRotation);
+  return min(max(e, kMinRotationExponent), kMaxRotationExponent);
 }
 
 // spec 7.5.5.
@@ -126,8 +127,8 @@ __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
       out[2] = linear(job, 0.0f, luma - chroma - orange);
       return in_range(job, luma) && in_range(job, orange) && in_range(job, chroma);
     }
-    case Mapping::kMoment: {
-      const std::uint32_t sum = q[0] + static_cast<std::uint32_t>(job.first_moment);
+    case Mapping::kTime: {
+      const std::uint32_t sum = q[0] + static_cast<std::uint32_t>(job.time_origin);
       out[0] = linear(job, job.origin[0], sum);
       return in_range(job, q[0]) && in_range(job, sum);
     }

@@ -32,7 +32,7 @@ struct MapJob {
   std::uint64_t first_key = 0;
   float origin[3] = {0, 0, 0};
   float part_ticks = 0;
-  std::int32_t first_moment = 0;
+  std::int32_t time_origin = 0;
   std::uint32_t primitives = 0, chunks = 0;
   Step step;
   std::uint32_t most = 0;  // of |q|

@@ -89,7 +89,7 @@ __global__ void __launch_bounds__(kThreads)
           ? static_cast<std::uint32_t>(min(std::uint64_t{kBlock}, group.primitives - begin))
           : 0;
   const std::uint32_t lanes = (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
-  const RansBlockPlace place = count > 0 ? group.blocks[block] : RansBlockPlace{};
+  const RansBlockLocation place = count > 0 ? group.blocks[block] : RansBlockLocation{};
   const auto* stored = reinterpret_cast<const std::uint16_t*>(group.bytes + place.states);
   std::uint32_t state = kRansLow;
   if (lane < lanes) {

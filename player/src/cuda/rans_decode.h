@@ -17,8 +17,8 @@ inline constexpr std::uint32_t kRansWarps = 8;  // of a thread block; each decod
 
 // A group; its pointers are the device's.
 struct RansGroup {
-  const std::uint8_t* bytes = nullptr;     // as rans_layout has checked them; an even address
-  const RansBlockPlace* blocks = nullptr;  // what rans_layout gave for them
+  const std::uint8_t* bytes = nullptr;        // as rans_layout has checked them; an even address
+  const RansBlockLocation* blocks = nullptr;  // what rans_layout gave for them
   const std::uint32_t* lookups = nullptr;  // tables x 4096, each a RansLookup; aligned to 16 bytes
   const std::uint16_t* tables = nullptr;   // by plane, numbers of `lookups`
   std::uint8_t* symbols = nullptr;         // decoded to: planes x primitives

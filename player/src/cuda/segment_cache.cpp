@@ -106,26 +106,26 @@ void SegmentCache::release(std::uint32_t segment) {
 void SegmentCache::take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
   release(segment);
   resident_.emplace(segment, fresh);
-  keep(segment, primitives, bytes_of(primitives));
+  insert(segment, primitives, bytes_of(primitives));
 }
 
-Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
+Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
   const auto n = static_cast<std::uint32_t>(set.size());
   if (first == 0) {
-    abandon(segment);
+    cancel_upload(segment);
     STGS_TRY(allocate(n, arriving_[segment]));
   }
-  const auto count = static_cast<std::uint32_t>(std::min(kPiece, n - first));
+  const auto count = static_cast<std::uint32_t>(std::min(kMaxUploadPrimitives, n - first));
   STGS_TRY(lay_out(set, {static_cast<std::uint32_t>(first), count, n}, arriving_.at(segment)));
   if (first + count < n) return {};
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out"));
   release(segment);
   resident_.insert(arriving_.extract(segment));
-  keep(segment, n, bytes_of(n));
+  insert(segment, n, bytes_of(n));
   return {};
 }
 
-void SegmentCache::abandon(std::uint32_t segment) {
+void SegmentCache::cancel_upload(std::uint32_t segment) {
   if (const auto found = arriving_.extract(segment)) give_back(found.mapped());
 }
 
@@ -138,7 +138,7 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
   std::vector<std::uint32_t> numbers;
   for (std::size_t k = 0; k < read.size(); ++k) {
     if (!read[k]->ok()) {
-      STGS_TRY(decode_here(timeline, segments[k]));
+      STGS_TRY(decode_on_cpu(timeline, segments[k]));
       continue;
     }
     coded.push_back(std::move(**read[k]));
@@ -175,7 +175,7 @@ Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegme
   }
   STGS_TRY(sound.status());
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (!(*sound)[k]) STGS_TRY(decode_here(timeline, segments[k]));
+    if (!(*sound)[k]) STGS_TRY(decode_on_cpu(timeline, segments[k]));
   }
   return {};
 }
@@ -187,14 +187,15 @@ Status SegmentCache::lay_out(const Gaussians4D& set, const PrimitiveRange& range
     return (floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float);
   };
   // At once as much as there can be in a piece, rather than with every larger one.
-  const std::uint64_t most = std::clamp<std::uint64_t>(fullest().primitives, range.count, kPiece);
+  const std::uint64_t most =
+      std::clamp<std::uint64_t>(peak().primitives, range.count, kMaxUploadPrimitives);
   STGS_TRY(floats_.ensure(bytes_of_floats(most)));
   STGS_TRY(staging_.ensure(bytes_of_floats(most)));
   STGS_ASSIGN(std::uint8_t* const staged, staging_.next());
   auto *here = reinterpret_cast<float*>(staged), *there = reinterpret_cast<float*>(floats_.data());
   copy_range(set, range, take(here, range.count, sh_degree()));
   const DeviceGaussians to = take(there, range.count, sh_degree());
-  STGS_TRY(staging_.send(floats_.data(), bytes_of_floats(range.count), stream_.get()));
+  STGS_TRY(staging_.upload(floats_.data(), bytes_of_floats(range.count), stream_.get()));
   pack_segment(to, range, sh_degree(), packed_at(fresh, range.of), stream_.get());
   return cuda_status(cudaGetLastError(), "starting to lay a segment out");
 }

@@ -24,7 +24,7 @@ class SegmentCache final : public DeviceSegments {
   ~SegmentCache() override { clear(); }
 
   Status create();
-  // The memory of one that the last call of hold() gave, for packed_at().
+  // The memory of one that the last call of make_resident() gave, for packed_at().
   std::uint8_t* at(std::uint32_t segment) const { return resident_.at(segment); }
 
  private:
@@ -32,8 +32,8 @@ class SegmentCache final : public DeviceSegments {
   void reserve(std::uint64_t bytes) override;
   std::uint64_t bytes_of(std::uint64_t primitives) const override;
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override;
-  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
-  void abandon(std::uint32_t segment) override;
+  Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
+  void cancel_upload(std::uint32_t segment) override;
   void release(std::uint32_t segment) override;
 
   Status decode_batch(Timeline& timeline, std::span<const CodedSegment> coded,

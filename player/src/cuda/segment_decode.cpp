@@ -96,7 +96,7 @@ Need need_of(const CodedSegment& segment) {
   Need need;
   for (const CodedRecord& record : segment.records) {
     need.upload += aligned(record.stored.size()) + aligned(record.bytes.size()) +
-                   aligned(sizeof(RansBlockPlace) * record.blocks.size()) +
+                   aligned(sizeof(RansBlockLocation) * record.blocks.size()) +
                    aligned(sizeof(std::uint16_t) * record.tables.size()) +
                    sizeof(RansLookup) * record.lookups.size() + sizeof(RansGroup) +
                    sizeof(RansWork) * (record.blocks.size() / kRansWarps + 1);
@@ -229,11 +229,11 @@ class SegmentDecoder::Plan {
     job.first_key = segment.first_key;
     std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
     job.part_ticks = segment.part_ticks;
-    job.first_moment = static_cast<std::int32_t>(first_moment(segment.begin, stream.step));
+    job.time_origin = static_cast<std::int32_t>(time_origin(segment.begin, stream.step));
     job.primitives = segment.primitives;
     job.chunks = chunks;
     job.step = stream.step;
-    job.most = most_steps(stream.mapping, stream.step.multiplier);
+    job.most = max_steps(stream.mapping, stream.step.multiplier);
     job.components = static_cast<std::uint32_t>(stream.components);
     job.digits = static_cast<std::uint32_t>(stream.digits);
     job.width = width_of(stream);

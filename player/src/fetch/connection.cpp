@@ -244,7 +244,8 @@ Connection::~Connection() {
 // Runs the transfer; a stop wakes it. Silence is timed here: libcurl's own limit is of a speed that
 // it takes the mean of over some seconds. The handles stay together only meanwhile, the connection
 // in any case.
-CURLcode Connection::perform(Reply& reply, const std::function<bool()>& is_wanted, bool& stopped) {
+CURLcode Connection::perform(Reply& reply, const std::function<bool()>& should_continue,
+                             bool& stopped) {
   CURLM* const multi = multi_;
   const std::stop_callback wake(stop_, [multi] { curl_multi_wakeup(multi); });
   CURLcode result = CURLE_FAILED_INIT;
@@ -267,7 +268,7 @@ CURLcode Connection::perform(Reply& reply, const std::function<bool()>& is_wante
       code = curl_multi_poll(multi_, nullptr, 0, static_cast<int>(wait), nullptr);
     }
     if (code != CURLM_OK) break;
-    stopped = running > 0 && (stop_.stop_requested() || (is_wanted && !is_wanted()));
+    stopped = running > 0 && (stop_.stop_requested() || (should_continue && !should_continue()));
   }
   int left = 0;
   while (const CURLMsg* message = curl_multi_info_read(multi_, &left)) {
@@ -278,7 +279,7 @@ CURLcode Connection::perform(Reply& reply, const std::function<bool()>& is_wante
 }
 
 Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known,
-                        const std::function<bool()>& is_wanted) {
+                        const std::function<bool()>& should_continue) {
   Reply reply;
   reply.easy = easy_;
   reply.offset = offset;
@@ -294,7 +295,8 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
   const Headers headers = headers_if_changed(known);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
   bool stopped = stop_.stop_requested();
-  const CURLcode result = stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, is_wanted, stopped);
+  const CURLcode result =
+      stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, should_continue, stopped);
   curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
   curl_easy_setopt(easy_, CURLOPT_ERRORBUFFER, nullptr);
 

@@ -45,15 +45,15 @@ class Connection {
 
   // Asks for `out.size()` bytes, at least one, from `offset` on; with the ETag `known`, where it is
   // not empty, only if it is another now, and past caches that may hold what was. Stopped where
-  // `is_wanted`, which may be empty, answers false.
+  // `should_continue`, which may be empty, answers false.
   Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {},
-              const std::function<bool()>& is_wanted = {});
+              const std::function<bool()>& should_continue = {});
 
  private:
   struct Reply;
 
   Connection() = default;
-  CURLcode perform(Reply& reply, const std::function<bool()>& is_wanted, bool& stopped);
+  CURLcode perform(Reply& reply, const std::function<bool()>& should_continue, bool& stopped);
 
   CURLM* multi_ = nullptr;
   CURL* easy_ = nullptr;

@@ -22,9 +22,9 @@ constexpr std::size_t kHeadCompared = 4096;  // bytes that tell whether a file i
 class Http final : public HttpSource {
  public:
   Http(std::string url, HttpSettings settings)
-      : url_(std::move(url)), name_(shown_place(url_)), settings_(std::move(settings)) {
-    settings_.connections = std::max(settings_.connections, 1);
-    settings_.tries = std::max(settings_.tries, 1);
+      : url_(std::move(url)), name_(display_location(url_)), settings_(std::move(settings)) {
+    settings_.max_connections = std::max(settings_.max_connections, 1);
+    settings_.max_attempts = std::max(settings_.max_attempts, 1);
   }
 
   // The first bytes, which tell the size.
@@ -70,7 +70,7 @@ class Http final : public HttpSource {
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     return read_while({}, offset, out);
   }
-  Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+  Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
                     std::span<std::uint8_t> out) const override {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
@@ -78,7 +78,7 @@ class Http final : public HttpSource {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     }
-    return fetch(offset, out, Check::kSame, {}, is_wanted).status();
+    return fetch(offset, out, Check::kSame, {}, should_continue).status();
   }
 
   TransferStatistics statistics() const override {
@@ -102,12 +102,12 @@ class Http final : public HttpSource {
     explicit Lease(const Http& source) : source_(source) {
       std::unique_lock lock(source.mutex_);
       source.freed_.wait(lock, source.settings_.stop, [&] {
-        return !source.free_.empty() || source.opened_ < source.settings_.connections;
+        return !source.free_.empty() || source.opened_ < source.settings_.max_connections;
       });
       if (!source.free_.empty()) {
         connection_ = std::move(source.free_.back());
         source.free_.pop_back();
-      } else if (source.opened_ < source.settings_.connections) {
+      } else if (source.opened_ < source.settings_.max_connections) {
         connection_ = Connection::open(source.url_, source.settings_);
         if (connection_ != nullptr) ++source.opened_;
       }
@@ -166,7 +166,7 @@ class Http final : public HttpSource {
   // `etag`, where it is not empty: nothing needs to come as long as it is that.
   Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
                      const std::string& etag = {},
-                     const std::function<bool()>& is_wanted = {}) const {
+                     const std::function<bool()>& should_continue = {}) const {
     const Lease lease(*this);
     if (settings_.stop.stop_requested()) return stopped();
     if (lease.get() == nullptr) return runtime_error("{}: libcurl has no memory left", name_);
@@ -174,7 +174,7 @@ class Http final : public HttpSource {
     for (int failures = 0;;) {
       const Known then = known();
       const Attempt attempt = lease.get()->get(offset + done, out.subspan(done),
-                                               done == 0 ? etag : std::string(), is_wanted);
+                                               done == 0 ? etag : std::string(), should_continue);
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
@@ -194,8 +194,8 @@ class Http final : public HttpSource {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
         failures = attempt.progressed ? 1 : failures + 1;
-        if (failures < settings_.tries) {
-          STGS_TRY(wait(offset + done, failures, attempt, is_wanted));
+        if (failures < settings_.max_attempts) {
+          STGS_TRY(wait(offset + done, failures, attempt, should_continue));
           continue;
         }
         failure = io_error("{}: {} (given up after {} tries at byte {})", name_, attempt.reason,
@@ -215,10 +215,10 @@ class Http final : public HttpSource {
 
   // Before the next try: each time twice as long, and not for all readers alike.
   Status wait(std::uint64_t offset, int failures, const Attempt& attempt,
-              const std::function<bool()>& is_wanted) const {
+              const std::function<bool()>& should_continue) const {
     std::unique_lock lock(mutex_);
     double seconds =
-        std::min(settings_.back_off_seconds * std::ldexp(1.0, failures - 1), kLongestWait);
+        std::min(settings_.backoff_seconds * std::ldexp(1.0, failures - 1), kLongestWait);
     seconds *= std::uniform_real_distribution<double>(0.75, 1.0)(random_);
     seconds = std::max(seconds, std::min(attempt.retry_after, kLongestWaitAsked));
     lock.unlock();
@@ -229,7 +229,8 @@ class Http final : public HttpSource {
     std::unique_lock pause(none);
     std::condition_variable_any never;
     while (std::chrono::steady_clock::now() < end) {
-      if (settings_.stop.stop_requested() || (is_wanted && !is_wanted())) return stopped();
+      if (settings_.stop.stop_requested() || (should_continue && !should_continue()))
+        return stopped();
       const auto look = std::chrono::steady_clock::now() + kLook;
       never.wait_until(pause, settings_.stop, std::min<decltype(end)>(end, look),
                        [] { return false; });

@@ -14,7 +14,7 @@ bool is_url(const std::string& place) {
   return scheme.starts_with("http://") || scheme == "https://";
 }
 
-std::string shown_place(const std::string& place) {
+std::string display_location(const std::string& place) {
   if (!is_url(place)) return place;
   const std::size_t host = place.find("//") + 2;
   std::string shown = place.substr(0, std::min(place.find_first_of("?#", host), place.size()));
@@ -24,8 +24,8 @@ std::string shown_place(const std::string& place) {
   return shown;
 }
 
-Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,
-                                               const HttpSettings& settings) {
+Result<std::unique_ptr<ByteSource>> open_location(const std::string& place,
+                                                  const HttpSettings& settings) {
   if (!is_url(place) && place.find("://") != std::string::npos) {
     return usage_error("{}: only URLs that begin with http:// or https:// can be read", place);
   }

@@ -14,11 +14,11 @@ namespace stgs::player {
 // Has its memory from the beginning, so that having none can be told. Not thread-safe.
 class EventQueue {
  public:
-  EventQueue() { events_.reserve(kMostEvents); }
+  EventQueue() { events_.reserve(kMaxEvents); }
 
   // The oldest makes room for one that is too many.
   void add(PlayerEvent event) noexcept {
-    if (events_.size() == kMostEvents) events_.erase(events_.begin());
+    if (events_.size() == kMaxEvents) events_.erase(events_.begin());
     events_.push_back(std::move(event));
   }
   // All, in order; where there is no memory for that none is taken.

@@ -9,7 +9,7 @@
 #include "stream/no_memory.h"
 
 namespace stgs::player {
-Follower::Follower(SegmentStore& store, std::shared_ptr<PieceSource> source, IndexCache cache,
+Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
                    const PlayerSettings& settings,
                    std::function<void(bool, const std::string&)> on_replaced)
     : store_(store),
@@ -40,7 +40,7 @@ void Follower::stop() {
 
 bool Follower::wait() {
   std::unique_lock lock(mutex_);
-  stopped_.wait_for(lock, std::chrono::duration<double>(pace_.wait()),
+  stopped_.wait_for(lock, std::chrono::duration<double>(pace_.seconds()),
                     [this] { return stopping_; });
   return !stopping_;
 }
@@ -55,7 +55,7 @@ void Follower::run() {
                    failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
     }
     const double now = clock_seconds();
-    pace_.found(grown, now);
+    pace_.update(grown, now);
     if (grown) stall_told_ = false;
     if (!grown) tell_stall(now);
   }
@@ -113,12 +113,12 @@ void Follower::tell_trouble(Trouble trouble, const Status& status) noexcept {
   if (trouble == Trouble::kNone) return;
   if (trouble == Trouble::kReplaced) return on_replaced_(true, status.message());
   const auto kind =
-      trouble == Trouble::kDamaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost;
+      trouble == Trouble::kDamaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kReadFailed;
   store_.tell(event_of(kind, reader_->file_bytes(), status.code(), status.message()));
 }
 
 void Follower::tell_stall(double now) noexcept {
-  if (stall_told_ || pace_.idle_for(now) < settings_.stall_seconds) return;
+  if (stall_told_ || pace_.idle_seconds(now) < settings_.stall_seconds) return;
   stall_told_ = true;
   PlayerEvent event;
   event.kind = PlayerEvent::Kind::kStalled;
@@ -126,7 +126,7 @@ void Follower::tell_stall(double now) noexcept {
   event.code = StatusCode::kIo;
   try {
     event.message = fmt::format("{}: nothing has been added for {:.1f} s", source_->name(),
-                                pace_.idle_for(now));
+                                pace_.idle_seconds(now));
   } catch (const std::bad_alloc&) {
     event.message = kNoMemory;
   }

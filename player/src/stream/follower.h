@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "stgs/player/player.h"
-#include "stream/poll_pace.h"
+#include "stream/poll_interval.h"
 #include "stream/segment_store.h"
 #include "stream/snapshot_source.h"
 
@@ -22,7 +22,7 @@ class Follower {
  public:
   // `cache`: of the reader that `store` has. All but the cache outlive this. `on_replaced` is told
   // where the file is another one (true), and where it is the right one again.
-  Follower(SegmentStore& store, std::shared_ptr<PieceSource> source, IndexCache cache,
+  Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
            const PlayerSettings& settings,
            std::function<void(bool, const std::string&)> on_replaced);
   // Waits for the look that is under way, which ends by itself or by who interrupts the source.
@@ -43,7 +43,7 @@ class Follower {
   void tell_stall(double now) noexcept;
 
   SegmentStore& store_;
-  const std::shared_ptr<PieceSource> source_;
+  const std::shared_ptr<RangeSource> source_;
   const LiveSettings settings_;
   const ReadLimits limits_;
   std::pmr::memory_resource* const memory_;
@@ -52,7 +52,7 @@ class Follower {
   // The thread's own.
   IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
-  PollPace pace_;
+  PollInterval pace_;
   Trouble trouble_ = Trouble::kNone;
   bool stall_told_ = false, again_ = false;
 

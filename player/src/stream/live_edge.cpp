@@ -18,7 +18,7 @@ constexpr double kAnotherPace = 1;  // seconds that an arrival is off by, at lea
 
 }  // namespace
 
-void LiveEdge::saw(double edge, double stretch, double now) {
+void LiveEdge::observe(double edge, double stretch, double now) {
   if (!joined_) {
     joined_ = true;
     edge_ = edge;
@@ -59,17 +59,17 @@ double LiveEdge::edge(double now) const {
   return std::clamp(now + earliest(), edge_, edge_ + longest() + jitter());
 }
 
-double LiveEdge::wanted() const {
-  return std::max(settings_.behind_seconds, longest() + jitter() + kMargin);
+double LiveEdge::target_latency() const {
+  return std::max(settings_.latency_seconds, longest() + jitter() + kMargin);
 }
 
-double LiveEdge::pace(double moment, double now) const {
+double LiveEdge::rate_factor(double moment, double now) const {
   const double late = target(now) - moment;
   if (std::abs(late) <= kNear) return 1;
   return 1 + std::clamp(late / kCatchUp, -kMostPace, kMostPace);
 }
 
-bool LiveEdge::is_lost(double moment, double now) const {
+bool LiveEdge::should_skip(double moment, double now) const {
   return target(now) - moment > settings_.skip_seconds;
 }
 

@@ -21,19 +21,19 @@ class LiveEdge {
 
   // The recording can be played up to `edge`, as is found at `now`; its last stretch is so long.
   // The first time tells nothing of when the edge came to be there.
-  void saw(double edge, double stretch, double now);
+  void observe(double edge, double stretch, double now);
   // The same where that tells nothing of when it came: nobody looked, or it cannot be played yet.
-  void found(double edge) { edge_ = std::max(edge_, edge); }
+  void extend_to(double edge) { edge_ = std::max(edge_, edge); }
 
   // Where it is, taken to move on with the clock until the next stretch is overdue.
   double edge(double now) const;
   // How far behind it to be.
-  double wanted() const;
-  double target(double now) const { return edge(now) - wanted(); }
+  double target_latency() const;
+  double target(double now) const { return edge(now) - target_latency(); }
   // What a rate of 1 is to be instead, 0.9 to 1.1, to get from a moment to the target.
-  double pace(double moment, double now) const;
+  double rate_factor(double moment, double now) const;
   // Whether the moment is so far behind the target that it is not to be caught up with.
-  bool is_lost(double moment, double now) const;
+  bool should_skip(double moment, double now) const;
 
  private:
   struct Arrival {

@@ -6,7 +6,7 @@
 
 namespace stgs::player {
 
-Need need_of(double begin, double end, const Motion& motion) {
+Need need_of(double begin, double end, const Playhead& motion) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const double speed = std::abs(motion.ticks_per_second);
   // As for somebody who goes forwards from 0.
@@ -23,7 +23,7 @@ int layer_of(const SegmentInfo& segment, bool harmonics, int tiers) {
   return harmonics ? tiers + segment.tier : segment.tier;
 }
 
-double urgency(const Need& need, int layer, double patience) {
+double deadline(const Need& need, int layer, double patience) {
   return need.from + layer * patience;
 }
 

@@ -10,7 +10,7 @@
 namespace stgs::player {
 
 // Where a viewer is in the clip, and which way he goes.
-struct Motion {
+struct Playhead {
   double ticks = 0;             // in [0, duration]
   double ticks_per_second = 1;  // below 0: backwards; not 0 (who pauses is about to go on)
   double duration = 0;          // ticks
@@ -25,7 +25,7 @@ struct Need {
 };
 
 // When moments of [begin, end] of the timeline are shown.
-Need need_of(double begin, double end, const Motion& motion);
+Need need_of(double begin, double end, const Playhead& motion);
 
 // A file comes in pieces: of each segment its base, and its harmonics where they are apart. Pieces
 // of one layer make a picture better alike: the bases of a tier, then all harmonics of a tier.
@@ -43,6 +43,6 @@ int layer_of(const SegmentInfo& segment, bool harmonics, int tiers);
 // needed l * patience later. So layer 0 is fetched furthest ahead, the next a patience less, and
 // where a link cannot carry all layers those on top come too late to be fetched at all, without any
 // estimate of what it carries.
-double urgency(const Need& need, int layer, double patience);
+double deadline(const Need& need, int layer, double patience);
 
 }  // namespace stgs::player

@@ -10,7 +10,7 @@ constexpr std::size_t kRecent = 4;
 
 }  // namespace
 
-Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
+Status RangeSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
   Bytes bytes;
   std::uint64_t begin = 0;
   {
@@ -30,7 +30,7 @@ Status PieceSource::read(std::uint64_t offset, std::span<std::uint8_t> out) cons
   return {};
 }
 
-Status PieceSource::fetch(const std::function<bool()>& is_wanted, std::uint64_t offset,
+Status RangeSource::fetch(const std::function<bool()>& should_continue, std::uint64_t offset,
                           std::span<std::uint8_t> out, bool& read) const {
   {
     const std::lock_guard lock(mutex_);
@@ -46,28 +46,28 @@ Status PieceSource::fetch(const std::function<bool()>& is_wanted, std::uint64_t 
     }
   }
   read = true;
-  return under_->read_while(is_wanted, offset, out);
+  return under_->read_while(should_continue, offset, out);
 }
 
-void PieceSource::recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+void RangeSource::recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
   const std::lock_guard lock(mutex_);
   recent_.emplace_back(offset, std::vector<std::uint8_t>(bytes.begin(), bytes.end()));
   if (recent_.size() > kRecent) recent_.pop_front();
 }
 
-void PieceSource::forget_recent() {
+void RangeSource::forget_recent() {
   const std::lock_guard lock(mutex_);
   while (recent_.size() > 1) recent_.pop_front();
 }
 
-void PieceSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+void RangeSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
   auto shared =
       std::make_shared<const std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory_);
   const std::lock_guard lock(mutex_);
   pieces_[offset] = std::move(shared);
 }
 
-void PieceSource::drop(std::uint64_t offset) {
+void RangeSource::drop(std::uint64_t offset) {
   Bytes dropped;  // freed after the lock
   const std::lock_guard lock(mutex_);
   const auto found = pieces_.find(offset);

@@ -16,10 +16,10 @@
 namespace stgs::player {
 
 // Reads pieces that were put there from memory, and all else from `under`. Thread-safe.
-class PieceSource final : public ByteSource {
+class RangeSource final : public ByteSource {
  public:
   // `memory`: of the pieces.
-  PieceSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory)
+  RangeSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory)
       : under_(std::move(under)), memory_(memory) {}
 
   std::uint64_t size() const override { return under_->size(); }
@@ -27,13 +27,13 @@ class PieceSource final : public ByteSource {
   bool may_grow() const override { return under_->may_grow(); }
   Result<Change> refresh(std::uint64_t kept) override { return under_->refresh(kept); }
   void set_finished() override { under_->set_finished(); }
-  bool has_lost_bytes() const override { return under_->has_lost_bytes(); }
-  bool was_written() const override { return under_->was_written(); }
+  bool has_shrunk() const override { return under_->has_shrunk(); }
+  bool was_modified() const override { return under_->was_modified(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
   // Reads a piece that is to be put there, as long as it is wanted (read_while()): what recent()
   // was told of is not read again. `read` tells whether it was.
-  Status fetch(const std::function<bool()>& is_wanted, std::uint64_t offset,
+  Status fetch(const std::function<bool()>& should_continue, std::uint64_t offset,
                std::span<std::uint8_t> out, bool& read) const;
   // Bytes that were read for something else, some 64 kB: the last few are kept.
   void recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);

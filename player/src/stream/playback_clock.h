@@ -30,7 +30,7 @@ class PlaybackClock {
     bool looped = false;  // it has gone round
   };
   Step after(double seconds) const;
-  void take(const Step& step) { ticks_ = step.ticks; }
+  void apply(const Step& step) { ticks_ = step.ticks; }
   // Whether there is nothing left in the direction of play.
   bool at_end() const { return !loop_ && (rate_ < 0 ? ticks_ <= 0 : ticks_ >= last_); }
 

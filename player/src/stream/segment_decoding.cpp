@@ -53,12 +53,12 @@ bool SegmentStore::may_begin(std::uint32_t segment) const {
 
 // `harmonics`: what is wrong with these alone.
 Status SegmentStore::decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
-                            std::shared_ptr<const HeldSegment>& held, Status& harmonics) const {
+                            std::shared_ptr<const ResidentSegment>& held, Status& harmonics) const {
   try {
     Result<Gaussians4D> set =
-        with_harmonics ? reader.decode_sound(segment, harmonics) : reader.decode(segment, false);
+        with_harmonics ? reader.decode_intact(segment, harmonics) : reader.decode(segment, false);
     STGS_TRY(set.status());
-    held = std::make_shared<const HeldSegment>(std::move(set).value(), settings_.memory);
+    held = std::make_shared<const ResidentSegment>(std::move(set).value(), settings_.memory);
     return {};
   } catch (const std::exception& e) {
     return failure(e, [&] {
@@ -68,7 +68,7 @@ Status SegmentStore::decode(const SceneReader& reader, std::uint32_t segment, bo
 }
 
 void SegmentStore::decode_segments() {
-  const UseTaskRunner use(settings_.task_runner);
+  const ScopedTaskRunner use(settings_.task_runner);
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     const std::optional<std::uint32_t> segment = next_decode();
@@ -83,7 +83,7 @@ void SegmentStore::decode_segments() {
     const auto reader = reader_;
     const std::uint64_t generation = generation_;
     lock.unlock();
-    std::shared_ptr<const HeldSegment> held;
+    std::shared_ptr<const ResidentSegment> held;
     Status harmonics;
     Status base;
     run_as_task([&] { base = decode(*reader, *segment, with_harmonics, held, harmonics); });
@@ -109,7 +109,7 @@ bool SegmentStore::note_loss(const Piece& piece, const Status& status) noexcept 
 }
 
 void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
-                                std::shared_ptr<const HeldSegment> held, const Status& base,
+                                std::shared_ptr<const ResidentSegment> held, const Status& base,
                                 const Status& harmonics) noexcept {
   // Damage stays, once it has been noted, but that of another file, which may be put back; what
   // this machine could not do now it may do later.
@@ -117,7 +117,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
     const bool wrong =
         status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
     const bool of_another =
-        wrong && !is_followed() && (source_->has_lost_bytes() || source_->was_written());
+        wrong && !is_followed() && (source_->has_shrunk() || source_->was_modified());
     if (of_another) {
       note_change(true);
       doubtful_until_ = clock_seconds() + std::max(kDoubtSeconds, 3 * settings_.retry_seconds);
@@ -126,7 +126,8 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
     const bool damaged = wrong && !of_another;
     const bool for_ever =
         (damaged || status.code() == StatusCode::kNotBuilt) && note_loss(piece, status);
-    lose(piece, for_ever, damaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kLost, status);
+    lose(piece, for_ever, damaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kReadFailed,
+         status);
   };
   Entry& entry = entries_[segment];
   if (!base.ok()) return lost({segment, false}, base);
@@ -135,7 +136,7 @@ void SegmentStore::take_decoded(std::uint32_t segment, bool with_harmonics,
   entry.with_harmonics = with_harmonics && harmonics.ok();
   if (!harmonics.ok()) return lost({segment, true}, harmonics);
   // It is right again, if this was not fetched before it was wrong: what it is now is to stay.
-  if (is_changed_ && clock_seconds() > doubtful_until_ && !source_->has_lost_bytes()) {
+  if (is_changed_ && clock_seconds() > doubtful_until_ && !source_->has_shrunk()) {
     source_->set_finished();
     note_change(false);
   }

@@ -29,7 +29,7 @@ constexpr double kAlone = 1;
 
 // Whether a piece is still to be fetched, and soon enough to begin with it.
 bool SegmentStore::wanted(const Piece& piece, double now) const {
-  if (!reader_->segments()[piece.segment].shown()) return false;
+  if (!reader_->segments()[piece.segment].is_shown()) return false;
   const Entry& entry = entries_[piece.segment];
   const PieceState& own = state(piece);
   if (own.at != At::kAway && !(own.at == At::kLost && now >= own.retry)) return false;
@@ -136,7 +136,7 @@ bool SegmentStore::next_run(double now, Runs& taken) {
     const bool layer0 =
         layer_of(reader_->segments()[first->segment], first->harmonics, tiers_) == 0;
     if (layer0 && no_more_room && need_for(*first).from <= settings_.resume_seconds) {
-      lose(*first, false, PlayerEvent::Kind::kLost,
+      lose(*first, false, PlayerEvent::Kind::kReadFailed,
            runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
                          source_->name(), settings_.memory_budget));
     }
@@ -150,7 +150,7 @@ bool SegmentStore::next_run(double now, Runs& taken) {
 // and what comes sooner with it than by a request of its own.
 void SegmentStore::extend(Run& run, double urgency, double now) {
   const Piece first = run.pieces[0].piece;
-  const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_patience_seconds;
+  const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_lead_seconds;
   const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
   std::size_t at = place_of(first);
   while (++at < in_file_.size()) {
@@ -185,7 +185,7 @@ void SegmentStore::fetch_pieces() {
     } catch (const std::exception& e) {
       for (const Run& run : own) give_back(run);
       if (!std::exchange(is_short, true)) {
-        add_event(event_of(PlayerEvent::Kind::kLost, 0, code_of(e), kNoMemory));
+        add_event(event_of(PlayerEvent::Kind::kReadFailed, 0, code_of(e), kNoMemory));
       }
     }
     if (!found) {
@@ -228,8 +228,7 @@ std::size_t SegmentStore::stretch_of(const Run& run) const {
 // Whether the rest of a run is not worth its time: after a jump there is something more urgent.
 bool SegmentStore::given_up(const Run& run) const {
   return stopping_ || run.generation != generation_ ||
-         (run.jumps != jumps_ &&
-          urgency_of(run.pieces[0].piece) > settings_.layer_patience_seconds);
+         (run.jumps != jumps_ && urgency_of(run.pieces[0].piece) > settings_.layer_lead_seconds);
 }
 
 // Whether nothing of a run that is at or behind a place in the file is needed soon where the viewer
@@ -238,7 +237,7 @@ bool SegmentStore::is_needless(const Run& run, std::uint64_t from) const {
   if (stopping_ || run.generation != generation_) return true;
   const auto needless = [&](const PlacedPiece& own) {
     return own.offset + own.bytes <= from ||
-           need_for(own.piece).from > settings_.layer_patience_seconds;
+           need_for(own.piece).from > settings_.layer_lead_seconds;
   };
   return run.jumps != jumps_ && std::all_of(run.pieces.begin(), run.pieces.end(), needless);
 }
@@ -251,18 +250,18 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
     // To end a stretch before it has come costs its connection.
     const double begun = clock_seconds();
     bool ended = false;
-    const auto is_wanted = [&] {
+    const auto should_continue = [&] {
       if (clock_seconds() - begun < kLongStretch) return true;
       const std::lock_guard lock(mutex_);
       return !(ended = is_needless(run, run.offset + done));
     };
     bool read = false;
-    const Status status =
-        source_->fetch(is_wanted, run.offset + done, std::span(bytes).subspan(done, part), read);
+    const Status status = source_->fetch(should_continue, run.offset + done,
+                                         std::span(bytes).subspan(done, part), read);
     done += part;
     if (!status.ok() && !ended) return status;
     const std::lock_guard lock(mutex_);
-    if (status.ok() && read) throughput_.arrived(part, clock_seconds());
+    if (status.ok() && read) throughput_.add_bytes(part, clock_seconds());
     if (status.ok()) fetched_bytes_ += part;
     if (!status.ok()) throughput_.forget();  // it may have stood still
     if (!status.ok() || (done < bytes.size() && given_up(run))) {
@@ -289,11 +288,11 @@ void SegmentStore::settle(const Run& run, bool came, const Status& status) noexc
       state(piece).at = At::kHere;
     } else {
       release(piece, At::kAway);
-      if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kLost, status);
+      if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kReadFailed, status);
     }
   }
   to_decode_.notify_all();
-  if (!status.ok() && !is_followed() && source_->has_lost_bytes()) note_change(true);
+  if (!status.ok() && !is_followed() && source_->has_shrunk()) note_change(true);
   // What a link carried before it failed tells nothing of what it carries after.
   if (!status.ok()) throughput_.forget();
 }

@@ -18,10 +18,10 @@ namespace {
 constexpr double kForEver = std::numeric_limits<double>::infinity();
 
 std::uint64_t offset_of(const SegmentInfo& segment, bool harmonics) {
-  return harmonics ? segment.harmonics_offset : segment.offset;
+  return harmonics ? segment.sh_offset : segment.offset;
 }
 std::uint64_t bytes_of(const SegmentInfo& segment, bool harmonics) {
-  return harmonics ? segment.harmonics_bytes : segment.bytes;
+  return harmonics ? segment.sh_bytes : segment.bytes;
 }
 
 // Of the segments from `first` on, by offset.
@@ -43,7 +43,7 @@ std::vector<Piece> pieces_from(const std::vector<SegmentInfo>& segments, std::si
 // core does of it alone.
 int decoders_for(TaskRunner* runner) {
   constexpr int kMost = 8;
-  const UseTaskRunner use(runner);
+  const ScopedTaskRunner use(runner);
   const int threads = std::max(concurrency(), 1);
   return std::clamp(threads / 2, std::min(threads, 2), kMost);
 }
@@ -51,7 +51,7 @@ int decoders_for(TaskRunner* runner) {
 }  // namespace
 
 SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
-                           std::shared_ptr<PieceSource> source, const PlayerSettings& settings,
+                           std::shared_ptr<RangeSource> source, const PlayerSettings& settings,
                            std::function<void(bool)> on_changed)
     : source_(std::move(source)),
       settings_(settings),
@@ -72,7 +72,7 @@ bool SegmentStore::goes_on(const SceneReader& reader) const {
   const std::vector<SegmentInfo>&before = reader_->segments(), &now = reader.segments();
   const auto same = [](const SegmentInfo& a, const SegmentInfo& b) {
     return a.offset == b.offset && a.bytes == b.bytes && a.primitives == b.primitives &&
-           a.harmonics_offset == b.harmonics_offset && a.harmonics_bytes == b.harmonics_bytes;
+           a.sh_offset == b.sh_offset && a.sh_bytes == b.sh_bytes;
   };
   return now.size() >= before.size() &&
          std::equal(before.begin(), before.end(), now.begin(), same) &&
@@ -96,9 +96,9 @@ void SegmentStore::take_reader(std::shared_ptr<const SceneReader> reader) {
   entries_.resize(segments.size());
   for (std::size_t s = first; s < segments.size(); ++s) {
     tiers_ = std::max(tiers_, segments[s].tier + 1);
-    if (!segments[s].there) entries_[s].base = {At::kLost, kForEver};
-    if (!segments[s].harmonics_there) entries_[s].harmonics = {At::kLost, kForEver};
-    if (segments[s].harmonics_bytes == 0) entries_[s].harmonics.at = At::kHere;
+    if (!segments[s].available) entries_[s].base = {At::kLost, kForEver};
+    if (!segments[s].sh_available) entries_[s].harmonics = {At::kLost, kForEver};
+    if (segments[s].sh_bytes == 0) entries_[s].harmonics.at = At::kHere;
   }
   places_.resize(2 * segments.size());
   for (const Piece& piece : more) {
@@ -143,7 +143,7 @@ int SegmentStore::tiers() const {
 void SegmentStore::start_threads() {
   try {
     decoders_ = decoders_for(settings_.task_runner);
-    for (int k = 0; k < settings_.fetches; ++k) run_thread(&SegmentStore::fetch_pieces);
+    for (int k = 0; k < settings_.max_reads_in_flight; ++k) run_thread(&SegmentStore::fetch_pieces);
     run_thread(&SegmentStore::decode_segments);
     start_more_decoders();
   } catch (...) {
@@ -174,7 +174,7 @@ void SegmentStore::stop() {
   to_decode_.notify_all();
 }
 
-void SegmentStore::move(const Motion& motion, bool jumped) {
+void SegmentStore::move(const Playhead& motion, bool jumped) {
   {
     const std::lock_guard lock(mutex_);
     is_placed_ = true;
@@ -186,13 +186,13 @@ void SegmentStore::move(const Motion& motion, bool jumped) {
   if (jumped) to_decode_.notify_all();
 }
 
-Motion SegmentStore::motion() const {
+Playhead SegmentStore::motion() const {
   const std::lock_guard lock(mutex_);
   return motion_;
 }
 
-std::shared_ptr<const HeldSegment> SegmentStore::held(std::uint32_t segment,
-                                                      std::uint64_t generation) const {
+std::shared_ptr<const ResidentSegment> SegmentStore::held(std::uint32_t segment,
+                                                          std::uint64_t generation) const {
   const std::lock_guard lock(mutex_);
   return generation == generation_ ? entries_[segment].held : nullptr;
 }
@@ -201,7 +201,7 @@ bool SegmentStore::base_settled(std::uint32_t segment) const {
   // A base that was lost and comes again is not waited for.
   const Entry& entry = entries_[segment];
   return entry.held != nullptr || entry.base.at == At::kLost || entry.base.patience > 0 ||
-         !reader_->segments()[segment].shown();
+         !reader_->segments()[segment].is_shown();
 }
 
 bool SegmentStore::harmonics_settled(std::uint32_t segment) const {
@@ -286,7 +286,7 @@ std::vector<PlayerEvent> SegmentStore::take_events() {
   return events_.take();
 }
 
-std::vector<Loss> SegmentStore::losses() const {
+std::vector<SegmentDamage> SegmentStore::segment_damage() const {
   const std::lock_guard lock(mutex_);
   return losses_;
 }
@@ -312,7 +312,7 @@ std::uint64_t SegmentStore::piece_offset(const Piece& piece) const {
 std::uint64_t SegmentStore::memory_of(const Piece& piece) const {
   const SegmentInfo& segment = reader_->segments()[piece.segment];
   const std::uint64_t decoded =
-      piece.harmonics ? 0 : held_bytes(segment.primitives, reader_->sh_degree());
+      piece.harmonics ? 0 : decoded_segment_bytes(segment.primitives, reader_->sh_degree());
   return piece_bytes(piece) + decoded;
 }
 
@@ -322,9 +322,9 @@ Need SegmentStore::need_for(const Piece& piece) const {
 }
 
 double SegmentStore::urgency_of(const Piece& piece) const {
-  return urgency(need_for(piece),
-                 layer_of(reader_->segments()[piece.segment], piece.harmonics, tiers_),
-                 settings_.layer_patience_seconds);
+  return deadline(need_for(piece),
+                  layer_of(reader_->segments()[piece.segment], piece.harmonics, tiers_),
+                  settings_.layer_lead_seconds);
 }
 
 void SegmentStore::count(const Piece& piece, std::uint64_t memory) {
@@ -333,8 +333,8 @@ void SegmentStore::count(const Piece& piece, std::uint64_t memory) {
   own.memory = memory;
 }
 
-void SegmentStore::hold(std::uint32_t segment, std::shared_ptr<const HeldSegment> held) {
-  std::shared_ptr<const HeldSegment>& own = entries_[segment].held;
+void SegmentStore::hold(std::uint32_t segment, std::shared_ptr<const ResidentSegment> held) {
+  std::shared_ptr<const ResidentSegment>& own = entries_[segment].held;
   if (own != nullptr) stored_primitives_ -= own->set.size();
   own = std::move(held);
   if (own != nullptr) stored_primitives_ += own->set.size();

@@ -14,7 +14,7 @@
 #include <thread>
 #include <vector>
 
-#include "held_segment.h"
+#include "resident_segment.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/player.h"
 #include "stream/event_queue.h"
@@ -30,7 +30,7 @@ class SegmentStore {
  public:
   // `source` is the one of `reader`. `on_changed` is told, by a thread of the store, whether a file
   // that is not followed is another than it was, when that changes; it does not throw.
-  SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<PieceSource> source,
+  SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<RangeSource> source,
                const PlayerSettings& settings, std::function<void(bool)> on_changed);
   ~SegmentStore();
   // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
@@ -52,11 +52,12 @@ class SegmentStore {
 
   // Where the viewer is now; nothing is fetched before it is known. `jumped`: not where he was
   // about to come.
-  void move(const Motion& motion, bool jumped);
-  Motion motion() const;
+  void move(const Playhead& motion, bool jumped);
+  Playhead motion() const;
 
   // What is there of a segment of that generation, or null.
-  std::shared_ptr<const HeldSegment> held(std::uint32_t segment, std::uint64_t generation) const;
+  std::shared_ptr<const ResidentSegment> held(std::uint32_t segment,
+                                              std::uint64_t generation) const;
   // Whether nothing of layer 0 at this moment is still to come.
   bool ready(double ticks) const;
   // The moments around which nothing of layer 0 is still to come, ascending, apart from each other.
@@ -67,7 +68,7 @@ class SegmentStore {
   bool settled(double ticks) const;
   StreamStatistics statistics() const;
   // What damage has taken so far.
-  std::vector<Loss> losses() const;
+  std::vector<SegmentDamage> segment_damage() const;
   // What has happened since the last call.
   std::vector<PlayerEvent> take_events();
   // Adds one, at the moment of the motion.
@@ -84,7 +85,7 @@ class SegmentStore {
   struct Entry {
     PieceState base, harmonics;
     bool decoding = false, with_harmonics = false;  // the latter: of `held`
-    std::shared_ptr<const HeldSegment> held;
+    std::shared_ptr<const ResidentSegment> held;
   };
   struct PlacedPiece {
     Piece piece;
@@ -133,7 +134,7 @@ class SegmentStore {
   void start_more_decoders();
   void run_thread(void (SegmentStore::*work)());
   void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
-  void hold(std::uint32_t segment, std::shared_ptr<const HeldSegment> held);
+  void hold(std::uint32_t segment, std::shared_ptr<const ResidentSegment> held);
   void release(const Piece& piece, At at);
   bool can_drop(std::uint32_t segment) const;
   bool make_room(std::uint64_t bytes, double urgency);
@@ -147,7 +148,7 @@ class SegmentStore {
   void fetch_pieces();
   // Seconds: what is needed later is not fetched yet. As far as play asks for before it goes on.
   double farthest_ahead() const {
-    return std::max(settings_.ahead_seconds, settings_.resume_seconds);
+    return std::max(settings_.prefetch_seconds, settings_.resume_seconds);
   }
   std::size_t place_of(const Piece& piece) const {
     return places_[2 * std::size_t{piece.segment} + (piece.harmonics ? 1 : 0)];
@@ -177,13 +178,13 @@ class SegmentStore {
   bool is_ahead(std::uint32_t segment) const;  // not needed at the viewer's moment
   bool may_begin(std::uint32_t segment) const;
   Status decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
-                std::shared_ptr<const HeldSegment>& held, Status& harmonics) const;
+                std::shared_ptr<const ResidentSegment>& held, Status& harmonics) const;
   void take_decoded(std::uint32_t segment, bool with_harmonics,
-                    std::shared_ptr<const HeldSegment> held, const Status& base,
+                    std::shared_ptr<const ResidentSegment> held, const Status& base,
                     const Status& harmonics) noexcept;
   bool note_loss(const Piece& piece, const Status& status) noexcept;
 
-  const std::shared_ptr<PieceSource> source_;
+  const std::shared_ptr<RangeSource> source_;
   const PlayerSettings settings_;
   const std::function<void(bool)> on_changed_;
   int decoders_ = 1;  // segments that are decoded at once, at most
@@ -200,7 +201,7 @@ class SegmentStore {
   double doubtful_until_ = 0;  // what comes until then may be of another file, clock seconds
   std::uint64_t jumps_ = 0;
   bool is_placed_ = false;  // motion_ is the viewer's
-  Motion motion_;
+  Playhead motion_;
   std::vector<Entry> entries_;  // by segment
   UnderWay under_way_;
   bool is_full_ = false;  // something found no room: what decoding leaves may be enough
@@ -211,7 +212,7 @@ class SegmentStore {
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0, stored_primitives_ = 0;
   EventQueue events_;
-  std::vector<Loss> losses_;
+  std::vector<SegmentDamage> losses_;
   std::vector<std::thread> threads_;
 };
 

@@ -13,7 +13,7 @@ constexpr std::uint64_t kMost = 64 << 20;  // bytes that are kept; beyond, all i
 // As long as the file was when this was made, whatever it has become.
 class SnapshotSource final : public ByteSource {
  public:
-  SnapshotSource(std::shared_ptr<PieceSource> under, IndexCache& cache)
+  SnapshotSource(std::shared_ptr<RangeSource> under, IndexCache& cache)
       : under_(std::move(under)), size_(under_->size()), cache_(&cache) {}
 
   std::uint64_t size() const override { return size_; }
@@ -27,7 +27,7 @@ class SnapshotSource final : public ByteSource {
   void leave_cache() { cache_ = nullptr; }
 
  private:
-  const std::shared_ptr<PieceSource> under_;
+  const std::shared_ptr<RangeSource> under_;
   const std::uint64_t size_;
   IndexCache* cache_;
 };
@@ -100,7 +100,7 @@ std::uint64_t IndexCache::bytes() const {
 
 namespace {
 
-Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<PieceSource>& source,
+Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory) {
@@ -126,7 +126,7 @@ Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<P
 
 }  // namespace
 
-Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<PieceSource>& source,
+Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory) {

@@ -49,7 +49,7 @@ class IndexCache {
 };
 
 // Reads the index of the file as it is. `memory`: of what is decoded. Errors: SceneReader::open's.
-Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<PieceSource>& source,
+Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory);

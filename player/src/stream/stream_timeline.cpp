@@ -29,7 +29,7 @@ class StreamTimeline final : public Timeline {
   double complete_seconds() const override {
     return metadata().time_base.seconds(reader().complete_ticks());
   }
-  const std::vector<Loss>& losses() const override { return losses_; }
+  const std::vector<SegmentDamage>& segment_damage() const override { return losses_; }
   std::uint64_t memory_bytes() const override { return store_.statistics().memory_bytes; }
   std::uint64_t stored_primitives() const override { return store_.statistics().stored_primitives; }
 
@@ -38,15 +38,15 @@ class StreamTimeline final : public Timeline {
   bool is_playing() const override { return !store_.motion().still; }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
-  Result<std::vector<Needed>> needed_at(double seconds) override {
+  Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
     STGS_ASSIGN(const std::vector<Drawn> drawn, held_at(seconds));
-    std::vector<Needed> needed;
+    std::vector<SegmentRef> needed;
     for (const Drawn& one : drawn) needed.push_back(needed_of(one));
     return needed;
   }
 
-  std::vector<Needed> needed_soon(double seconds) override {
-    Motion motion = store_.motion();
+  std::vector<SegmentRef> prefetch_segments(double seconds) override {
+    Playhead motion = store_.motion();
     if (motion.still || !std::isfinite(seconds)) return {};
     motion.ticks = std::clamp(metadata().time_base.ticks(seconds), 0.0, motion.duration);
     const std::vector<SegmentInfo>& segments = reader().segments();
@@ -56,7 +56,7 @@ class StreamTimeline final : public Timeline {
       if (in <= kSoonSeconds) coming.emplace_back(in, segments[s].tier, s);
     }
     std::sort(coming.begin(), coming.end());
-    std::vector<Needed> needed;
+    std::vector<SegmentRef> needed;
     for (const auto& [in, tier, segment] : coming) {
       auto held = store_.held(segment, known_.generation);
       if (held != nullptr) needed.push_back(needed_of({segment, std::move(held), 0, {}}));
@@ -80,8 +80,8 @@ class StreamTimeline final : public Timeline {
     });
     for (const Drawn& drawn : drawn_) {
       if (drawn.candidates.empty()) continue;
-      active.parts.push_back({drawn.segment, &drawn.held->set, &drawn.candidates, drawn.ticks,
-                              id_base_[drawn.segment]});
+      active.segments.push_back({drawn.segment, &drawn.held->set, &drawn.candidates, drawn.ticks,
+                                 id_base_[drawn.segment]});
     }
     return active;
   }
@@ -90,13 +90,13 @@ class StreamTimeline final : public Timeline {
   // Kept until the next call, even if the store drops it.
   struct Drawn {
     std::uint32_t segment = 0;
-    std::shared_ptr<const HeldSegment> held;
+    std::shared_ptr<const ResidentSegment> held;
     double ticks = 0;  // the moment in its part
     std::vector<std::uint32_t> candidates;
   };
 
   // Ascending: all that somebody who moves on may see soon, and more, but what he sees.
-  std::vector<std::uint32_t> near(const Motion& motion) const {
+  std::vector<std::uint32_t> near(const Playhead& motion) const {
     const double at = motion.ticks, to = at + kSoonSeconds * motion.ticks_per_second;
     std::vector<std::uint32_t> near = reader().segments_between(std::min(at, to), std::max(at, to));
     if (motion.loop && (to < 0 || to > motion.duration)) {
@@ -114,7 +114,7 @@ class StreamTimeline final : public Timeline {
     return near;
   }
 
-  Needed needed_of(const Drawn& one) const {
+  SegmentRef needed_of(const Drawn& one) const {
     return {one.segment, one.ticks, id_base_[one.segment],
             std::shared_ptr<const Gaussians4D>(one.held, &one.held->set)};
   }
@@ -144,7 +144,7 @@ class StreamTimeline final : public Timeline {
     const double ticks = metadata().time_base.ticks(seconds);
     std::vector<std::uint32_t> alive = reader().segments_between(ticks, ticks);
     std::sort(alive.begin(), alive.end());
-    losses_ = store_.losses();
+    losses_ = store_.segment_damage();
     std::vector<Drawn> drawn;
     for (const std::uint32_t segment : alive) {
       const SegmentInfo& info = reader().segments()[segment];
@@ -162,7 +162,7 @@ class StreamTimeline final : public Timeline {
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::vector<std::uint32_t> id_base_;
   std::vector<Drawn> drawn_;
-  std::vector<Loss> losses_;
+  std::vector<SegmentDamage> losses_;
 };
 
 }  // namespace

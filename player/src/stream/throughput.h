@@ -16,7 +16,7 @@ class Throughput {
     pass(now);
     ++transfers_;
   }
-  void arrived(std::uint64_t bytes, double now) {
+  void add_bytes(std::uint64_t bytes, double now) {
     pass(now);
     bytes_ += static_cast<double>(bytes);
   }

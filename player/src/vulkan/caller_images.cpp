@@ -29,7 +29,8 @@ Status check_image(const Device& device, const View& view, const VulkanImage& im
     return unsupported("the Vulkan device cannot copy into images of VkFormat {}",
                        static_cast<int>(image.format));
   }
-  if (image.after == VK_IMAGE_LAYOUT_UNDEFINED || image.after == VK_IMAGE_LAYOUT_PREINITIALIZED) {
+  if (image.final_layout == VK_IMAGE_LAYOUT_UNDEFINED ||
+      image.final_layout == VK_IMAGE_LAYOUT_PREINITIALIZED) {
     return usage_error("the {} image of view {} cannot be left in an undefined layout", kind,
                        number);
   }
@@ -56,8 +57,8 @@ void change_layout(const Device& device, VkCommandBuffer commands, const VulkanI
   constexpr VkAccessFlags kAll = VK_ACCESS_MEMORY_READ_BIT | VK_ACCESS_MEMORY_WRITE_BIT;
   change.srcAccessMask = to_copy ? kAll : VkAccessFlags{VK_ACCESS_TRANSFER_WRITE_BIT};
   change.dstAccessMask = to_copy ? VkAccessFlags{VK_ACCESS_TRANSFER_WRITE_BIT} : kAll;
-  change.oldLayout = to_copy ? image.before : VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL;
-  change.newLayout = to_copy ? VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL : image.after;
+  change.oldLayout = to_copy ? image.initial_layout : VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL;
+  change.newLayout = to_copy ? VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL : image.final_layout;
   change.srcQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
   change.dstQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
   change.image = image.image;

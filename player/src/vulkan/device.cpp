@@ -194,7 +194,7 @@ Status Device::choose() {
     const int family = family_of(device);
     VkPhysicalDeviceProperties properties{};
     vkGetPhysicalDeviceProperties(device, &properties);
-    const int rank = vulkan_rank(properties.deviceType);
+    const int rank = vulkan_device_rank(properties.deviceType);
     if (family < 0 || rank <= best) continue;
     best = rank;
     context_.physical_device = device;
@@ -256,7 +256,7 @@ void Device::learn_limits() {
   const bool ballot = (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) != 0 &&
                       (subgroups.supportedOperations & kOperations) == kOperations &&
                       limits.maxComputeSharedMemorySize >= kBallotSharedBytes;
-  if (!ballot || !settings_.ballot) subgroups_ = {};
+  if (!ballot || !settings_.use_ballot) subgroups_ = {};
   const std::uint32_t bits =
       families_of(context_.physical_device)[context_.queue_family].timestampValidBits;
   if (bits == 0) return;

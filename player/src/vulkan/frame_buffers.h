@@ -25,7 +25,7 @@ inline constexpr std::uint64_t kCountBytes =
 
 // Passes of the sorts, 8 bits each: by depth, and by tile at most.
 inline constexpr std::uint32_t kDepthPasses = 4, kMostTilePasses = 3;
-static_assert(kMaxViews * (kMaxPictureSide / kTilePixels) * (kMaxPictureSide / kTilePixels) <=
+static_assert(kMaxViews * (kMaxImageSide / kTilePixels) * (kMaxImageSide / kTilePixels) <=
               1u << 8 * kMostTilePasses);
 
 inline std::uint32_t tile_passes(std::uint32_t tiles) {

@@ -47,7 +47,7 @@ void SegmentCache::reserve(std::uint64_t bytes) {
 
 // Of a host buffer: what any piece of the scene fits in, so that each serves for all.
 std::uint64_t SegmentCache::host_bytes() const {
-  return bytes_of(std::min<std::uint64_t>(fullest().primitives, kPiece));
+  return bytes_of(std::min<std::uint64_t>(peak().primitives, kMaxUploadPrimitives));
 }
 
 std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
@@ -72,7 +72,7 @@ void SegmentCache::release(std::uint32_t segment) {
   give_back(resident_, segment);
 }
 
-void SegmentCache::abandon(std::uint32_t segment) {
+void SegmentCache::cancel_upload(std::uint32_t segment) {
   give_back(arriving_, segment);
 }
 
@@ -82,18 +82,19 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
   parallel_for(std::size_t{0}, read.size(),
                [&](std::size_t k) { read[k].emplace(reader.decode(segments[k])); });
   for (std::size_t k = 0; k < read.size(); ++k) {
-    STGS_TRY(read[k]->ok() ? send_all(segments[k], **read[k]) : decode_here(timeline, segments[k]));
+    STGS_TRY(read[k]->ok() ? send_all(segments[k], **read[k])
+                           : decode_on_cpu(timeline, segments[k]));
     read[k].reset();
   }
   return {};
 }
 
-Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
-  if (first == 0) abandon(segment);
+Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
+  if (first == 0) cancel_upload(segment);
   std::vector<Piece>& pieces = arriving_[segment];
   const std::uint64_t fitting =
       memory_.block_bytes() / (packed_bytes_each(sh_degree()) * kGroup) * kGroup;
-  const std::size_t end = std::min(first + kPiece, set.size());
+  const std::size_t end = std::min(first + kMaxUploadPrimitives, set.size());
   while (first < end) {
     pieces.emplace_back();  // it holds what the room takes, whatever happens
     Piece& piece = pieces.back();
@@ -106,7 +107,7 @@ Status SegmentCache::send(std::uint32_t segment, const Gaussians4D& set, std::si
   std::uint64_t bytes = 0;
   for (const Piece& piece : pieces) bytes += piece.room.bytes;
   resident_.insert(arriving_.extract(segment));
-  keep(segment, set.size(), bytes);
+  insert(segment, set.size(), bytes);
   return {};
 }
 

@@ -19,9 +19,9 @@ struct Piece {
   std::uint32_t primitives = 0;
 };
 
-// What hold() sends waits, up to some MiB, to be copied by the commands of the frame that needs it,
-// so that the host waits for nothing. Frames on their way may use what it drops: copies come after
-// them in the queue. One thread; the device outlives it.
+// What make_resident() sends waits, up to some MiB, to be copied by the commands of the frame that
+// needs it, so that the host waits for nothing. Frames on their way may use what it drops: copies
+// come after them in the queue. One thread; the device outlives it.
 class SegmentCache final : public DeviceSegments {
  public:
   SegmentCache() = default;
@@ -31,7 +31,7 @@ class SegmentCache final : public DeviceSegments {
 
   // `block_bytes`: of a block, 0 for as much as is good for the device.
   void create(Device& device, std::uint64_t block_bytes);
-  // Of one that the last call of hold() gave.
+  // Of one that the last call of make_resident() gave.
   const std::vector<Piece>& at(std::uint32_t segment) const { return resident_.at(segment); }
   const SegmentMemory& memory() const { return memory_; }
   // The copies that wait, at the beginning of a frame's commands and after those of all before.
@@ -47,8 +47,8 @@ class SegmentCache final : public DeviceSegments {
   void reserve(std::uint64_t bytes) override;
   std::uint64_t bytes_of(std::uint64_t primitives) const override;
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override;
-  Status send(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
-  void abandon(std::uint32_t segment) override;
+  Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override;
+  void cancel_upload(std::uint32_t segment) override;
   void release(std::uint32_t segment) override;
 
   struct Copy {

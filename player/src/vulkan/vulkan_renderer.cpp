@@ -110,7 +110,7 @@ class ComputeRenderer final : public VulkanRenderer {
     return number_;
   }
 
-  Result<VulkanFrame> last_ended() override {
+  Result<VulkanFrame> last_completed() override {
     STGS_TRY(look());
     return ended_;
   }
@@ -127,10 +127,10 @@ class ComputeRenderer final : public VulkanRenderer {
 
  private:
   // The pieces that are drawn, numbered in the order of ids, then put together by block.
-  void list_parts(const std::vector<Timeline::Needed>& needed) {
+  void list_parts(const std::vector<Timeline::SegmentRef>& needed) {
     std::vector<std::vector<Part>> of_block(segments_.memory().blocks());
     chunks_ = 0;
-    for (const Timeline::Needed& one : needed) {
+    for (const Timeline::SegmentRef& one : needed) {
       for (const Piece& piece : segments_.at(one.segment)) {
         Part part{};
         part.at = static_cast<std::uint32_t>(piece.room.offset / SegmentMemory::kAlign);
@@ -161,12 +161,12 @@ class ComputeRenderer final : public VulkanRenderer {
   Status prepare(Timeline& timeline, double seconds, const std::vector<View>& views,
                  RenderStats& stats) {
     const auto begin = Clock::now();
-    STGS_ASSIGN(const auto alive, segments_.hold(timeline, seconds));
+    STGS_ASSIGN(const auto alive, segments_.make_resident(timeline, seconds));
     list_parts(alive);
     stats = {};
     stats.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
     stats.stored = segments_.stored_primitives();
-    stats.waiting = segments_.waiting_primitives();
+    stats.pending = segments_.waiting_primitives();
     sh_degree_ = timeline.reader().sh_degree();
     for (std::size_t i = 0; i < views.size(); ++i) {
       pictures_[i].set_size(views[i]);
@@ -193,7 +193,7 @@ class ComputeRenderer final : public VulkanRenderer {
 
   // As far as the device's buffers have room. Each segment may leave a part of its last chunk.
   std::uint32_t chunks_at_fullest(std::size_t views) const {
-    const auto& [primitives, segments] = segments_.fullest();
+    const auto& [primitives, segments] = segments_.peak();
     return static_cast<std::uint32_t>(
         std::min(primitives / kGroup + segments, FrameBuffers::most_chunks(device_) / views));
   }
@@ -216,8 +216,8 @@ class ComputeRenderer final : public VulkanRenderer {
       if (to->targets[i].depth) STGS_TRY(grow(p.depth, p.plane_bytes(), p, p.plane_bytes()));
     }
     if (buffers_.instance_capacity() == 0 && wanted_instances_ == 0) {
-      wanted_instances_ = settings_.instances > 0
-                              ? settings_.instances
+      wanted_instances_ = settings_.initial_instances > 0
+                              ? settings_.initial_instances
                               : std::max(kLeastInstances, kInstancesEach * kGroup * need.chunks);
     }
     need.instances = std::min(wanted_instances_, FrameBuffers::most_instances(device_));
@@ -308,8 +308,8 @@ class ComputeRenderer final : public VulkanRenderer {
   Status count(FrameSlot& slot) {
     segments_.take_back(std::exchange(slot.copied, {}));
     const Counts counts = slot.counts();
-    slot.stats.alive = counts.alive;
-    slot.stats.drawn = counts.visible;
+    slot.stats.active = counts.alive;
+    slot.stats.splats = counts.visible;
     return slot.add_times(slot.stats);
   }
 
@@ -398,7 +398,7 @@ class ComputeRenderer final : public VulkanRenderer {
   double copied_per_second_ = 0;  // bytes; 0: not measured
   std::uint64_t number_ = 0;      // of the last frame that was submitted
   VulkanFrame ended_;
-  std::array<FrameSlot, kFramesOnTheWay> slots_;  // last: its destructor waits for the frames
+  std::array<FrameSlot, kMaxFramesInFlight> slots_;  // last: its destructor waits for the frames
 };
 
 Result<std::unique_ptr<VulkanRenderer>> make(const VulkanSettings& settings,

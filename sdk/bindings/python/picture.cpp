@@ -40,7 +40,7 @@ class Renderer {
   }
 
   void render(Scene& scene, double seconds, const std::vector<stgs_view>& views,
-              const std::vector<stgs_picture>& pictures) {
+              const std::vector<stgs_image>& pictures) {
     const stgs_result result = unlocked(
         [&] {
           return stgs_render(renderer_.get(), scene.get(), seconds, views.data(), pictures.data(),
@@ -96,9 +96,9 @@ stgs_buffer buffer_of(const py::object& object, const char* name, py::ssize_t ro
           stride * static_cast<std::size_t>(rows - 1) + static_cast<std::size_t>(pixel * columns)};
 }
 
-stgs_picture memory_of(const Picture& picture, const stgs_view& view) {
-  stgs_picture out;
-  stgs_picture_defaults(&out, sizeof out);
+stgs_image memory_of(const Picture& picture, const stgs_view& view) {
+  stgs_image out;
+  stgs_image_defaults(&out, sizeof out);
   const py::ssize_t rows = view.height, columns = view.width;
   out.rgba8 = buffer_of<std::uint8_t>(picture.rgba8, "rgba8", rows, columns, 4);
   out.alpha = buffer_of<float>(picture.alpha, "alpha", rows, columns, 1);
@@ -138,7 +138,7 @@ py::object render(Renderer& renderer, Scene& scene, double seconds, const py::ob
   const bool one = py::isinstance<View>(views);
   std::vector<stgs_view> cameras;
   std::vector<Picture> pictures;
-  std::vector<stgs_picture> memory;
+  std::vector<stgs_image> memory;
   if (one) {
     cameras.push_back(views.cast<View&>().view);
     if (!out.is_none()) pictures.push_back(out.cast<Picture>());

@@ -14,7 +14,7 @@ namespace {
 constexpr std::array kStates = {"closed", "opening", "paused", "playing", "buffering", "ended"};
 // Index: stgs_event_kind.
 constexpr std::array kEvents = {"none",    "opened",   "failed",  "buffering", "resumed",
-                                "looped",  "ended",    "layers",  "retry",     "lost",
+                                "looped",  "ended",    "layers",  "retry",     "read_failed",
                                 "damaged", "replaced", "stalled", "skipped",   "finished"};
 
 template <typename Names>
@@ -176,16 +176,16 @@ stgs_player_settings settings_of(const py::kwargs& given) {
   take("max_file_bytes", &Settings::max_file_bytes);
   take("max_primitives", &Settings::max_primitives);
   take("max_memory", &Settings::max_memory);
-  take("ahead_seconds", &Settings::ahead_seconds);
+  take("prefetch_seconds", &Settings::prefetch_seconds);
   take("resume_seconds", &Settings::resume_seconds);
-  take("patience_seconds", &Settings::patience_seconds);
+  take("layer_lead_seconds", &Settings::layer_lead_seconds);
   take("retry_seconds", &Settings::retry_seconds);
-  take("fetches", &Settings::fetches);
-  take("url_tries", &Settings::url_tries);
+  take("max_reads_in_flight", &Settings::max_reads_in_flight);
+  take("url_max_attempts", &Settings::url_max_attempts);
   take("url_connect_seconds", &Settings::url_connect_seconds);
   take("url_stall_seconds", &Settings::url_stall_seconds);
   take("live_follow", &Settings::live_follow);
-  take("live_behind_seconds", &Settings::live_behind_seconds);
+  take("live_latency_seconds", &Settings::live_latency_seconds);
   take("live_poll_seconds", &Settings::live_poll_seconds);
   take("live_stall_seconds", &Settings::live_stall_seconds);
   take("live_skip_seconds", &Settings::live_skip_seconds);
@@ -201,9 +201,9 @@ void declare_told(py::module_& module) {
           "closed, opening, paused, playing, buffering or ended")
       .def_readonly("seconds", &Status::seconds, "the moment to draw")
       .def_readonly("layers", &Status::layers)
-      .def_readonly("layers_of_file", &Status::layers_of_file)
+      .def_readonly("layer_count", &Status::layer_count)
       .def_property_readonly("ready", [](const Status& s) { return s.ready != 0; })
-      .def_property_readonly("settled", [](const Status& s) { return s.settled != 0; });
+      .def_property_readonly("is_complete", [](const Status& s) { return s.is_complete != 0; });
   py::class_<Event>(module, "PlayerEvent", "What has happened; see stgs_player_event.")
       .def_property_readonly("kind", [](const Event& e) { return name_of(kEvents, e.event.kind); })
       .def_property_readonly("seconds", [](const Event& e) { return e.event.seconds; })
@@ -222,8 +222,8 @@ void declare_told(py::module_& module) {
       .def_property_readonly("growing", [](const Live& l) { return l.growing != 0; })
       .def_property_readonly("following", [](const Live& l) { return l.following != 0; })
       .def_readonly("edge_seconds", &Live::edge_seconds)
-      .def_readonly("behind_seconds", &Live::behind_seconds)
-      .def_readonly("wanted_seconds", &Live::wanted_seconds);
+      .def_readonly("latency_seconds", &Live::latency_seconds)
+      .def_readonly("target_latency_seconds", &Live::target_latency_seconds);
   using Statistics = stgs_player_statistics;
   py::class_<Statistics>(module, "PlayerStatistics", "See stgs_player_statistics.")
       .def_readonly("bytes_per_second", &Statistics::bytes_per_second)

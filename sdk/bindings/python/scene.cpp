@@ -100,13 +100,13 @@ Primitives primitives_at(Scene& scene, double seconds) {
 
 std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_t> max_memory,
                             std::optional<std::uint64_t> max_file_bytes,
-                            std::optional<std::uint64_t> max_primitives, bool refuse_damage) {
+                            std::optional<std::uint64_t> max_primitives, bool reject_damage) {
   stgs_scene_settings settings;
   stgs_scene_settings_defaults(&settings, sizeof settings);
   settings.max_memory = max_memory.value_or(settings.max_memory);
   settings.max_file_bytes = max_file_bytes.value_or(settings.max_file_bytes);
   settings.max_primitives = max_primitives.value_or(settings.max_primitives);
-  settings.refuse_damage = refuse_damage ? 1 : 0;
+  settings.reject_damage = reject_damage ? 1 : 0;
   return std::make_unique<Scene>(source, settings);
 }
 
@@ -193,11 +193,11 @@ void declare_scene(py::module_& module) {
                     "bytearray, memoryview, mmap), which are not copied and must not change.")
       .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("max_memory") = py::none(),
            py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
-           py::arg("refuse_damage") = false)
+           py::arg("reject_damage") = false)
       .def_property_readonly("info", &info_of)
       .def_property_readonly("title", [](Scene& s) { return text_of(s, STGS_TEXT_TITLE); })
       .def_property_readonly("generator", [](Scene& s) { return text_of(s, STGS_TEXT_GENERATOR); })
-      .def_property_readonly("sound", [](Scene& s) { return text_of(s, STGS_TEXT_SOUND); })
+      .def_property_readonly("audio", [](Scene& s) { return text_of(s, STGS_TEXT_AUDIO); })
       .def_property_readonly("issues", &issues_of,
                              "What was wrong with the file when it was opened: dicts.")
       .def("start_view", &start_view, "The camera that the file has to start with.")

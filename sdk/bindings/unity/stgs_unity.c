@@ -222,7 +222,7 @@ static void turn(drawing* drawn, float unit) {
 
 static stgs_result draw(instance* one, double seconds, const stgs_view* views, const float* units,
                         uint32_t count) {
-  stgs_picture pictures[STGS_MAX_VIEWS];
+  stgs_image pictures[STGS_MAX_VIEWS];
   stgs_result result;
   uint32_t i;
   for (i = 0; i < count; ++i) {
@@ -232,7 +232,7 @@ static stgs_result draw(instance* one, double seconds, const stgs_view* views, c
       return STGS_ERROR_ARGUMENT;
     }
     if (!make_room(to, views[i].width, views[i].height)) return STGS_ERROR_OUT_OF_MEMORY;
-    stgs_picture_defaults(&pictures[i], sizeof pictures[i]);
+    stgs_image_defaults(&pictures[i], sizeof pictures[i]);
     pictures[i].rgba8.data = to->planes[STGS_UNITY_COLOUR];
     pictures[i].depth.data = to->planes[STGS_UNITY_DEPTH];
     pictures[i].rgba8.bytes = pictures[i].depth.bytes = bytes;

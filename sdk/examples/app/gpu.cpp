@@ -45,7 +45,7 @@ std::string lacking(const Gpu& gpu) {
   stgs_vulkan_support support{};
   support.struct_size = sizeof support;
   if (stgs_vulkan_get_support(&asked, &support) != STGS_OK) return "Vulkan with STGS";
-  return support.lacks;
+  return support.missing_features;
 }
 
 }  // namespace

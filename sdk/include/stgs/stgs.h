@@ -118,7 +118,7 @@ typedef struct stgs_scene_settings {
   uint64_t max_file_bytes; /* of the source; default 2^63 - 1 */
   uint64_t max_primitives; /* of the whole file; default 200 million */
   uint64_t max_memory;     /* bytes of what is decoded and held; default 4 GiB, at least 1 MiB */
-  int32_t refuse_damage;   /* 0 (default): draw what is sound of a damaged file, and log it */
+  int32_t reject_damage;   /* 0 (default): draw what is sound of a damaged file, and log it */
   stgs_log_fn log;         /* NULL (default): silent */
   void* log_user;
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
@@ -199,7 +199,7 @@ typedef int32_t stgs_text;
 enum {
   STGS_TEXT_TITLE = 0,
   STGS_TEXT_GENERATOR = 1, /* program and version that wrote the file */
-  STGS_TEXT_SOUND = 2      /* URI reference of the sound, relative to the file's place */
+  STGS_TEXT_AUDIO = 2      /* URI reference of the sound, relative to the file's place */
 };
 
 /* *out: empty where the file has none; the scene's, until it is destroyed. */
@@ -322,16 +322,16 @@ typedef struct stgs_buffer {
 } stgs_buffer;
 
 /* What is wanted of a view: one buffer at least. Buffers must not overlap. */
-typedef struct stgs_picture {
+typedef struct stgs_image {
   size_t struct_size;
   stgs_buffer rgba8;  /* 4 bytes a pixel: colour over the background, rounded; and alpha */
   stgs_buffer rgb[3]; /* a float a pixel each: red, green, blue over the background; all or none */
   stgs_buffer alpha;  /* a float a pixel: 0 where nothing is, 1 where it is opaque */
   stgs_buffer depth;  /* a float a pixel: mean camera z, scene units; 0 where alpha is 0 */
-} stgs_picture;
+} stgs_image;
 
 /* Nothing wanted. `struct_size` is sizeof(*picture). */
-STGS_API stgs_result stgs_picture_defaults(stgs_picture* picture, size_t struct_size);
+STGS_API stgs_result stgs_image_defaults(stgs_image* picture, size_t struct_size);
 
 /* Draws 1 to STGS_MAX_VIEWS views of the moment `seconds`, which may lie outside the clip, and
  * waits for them: pictures[i] gets views[i]. Uses the scene as well as the renderer: neither may be
@@ -341,7 +341,7 @@ STGS_API stgs_result stgs_picture_defaults(stgs_picture* picture, size_t struct_
  * splats touch more than 2^26 tiles of 16 x 16 pixels in a view, as large ones may in a picture of
  * tens of thousands of pixels a side. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                                 const stgs_view* views, const stgs_picture* pictures,
+                                 const stgs_view* views, const stgs_image* pictures,
                                  uint32_t count);
 
 #ifdef __cplusplus

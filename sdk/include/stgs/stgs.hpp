@@ -126,8 +126,8 @@ inline stgs_player_settings player_settings() {
 inline stgs_view default_view() {
   return detail::with_defaults<stgs_view>(stgs_view_defaults);
 }
-inline stgs_picture no_picture() {
-  return detail::with_defaults<stgs_picture>(stgs_picture_defaults);
+inline stgs_image no_picture() {
+  return detail::with_defaults<stgs_image>(stgs_image_defaults);
 }
 inline stgs_view resized(stgs_view view, std::uint32_t width, std::uint32_t height) {
   check(stgs_view_resize(&view, width, height));
@@ -238,7 +238,7 @@ class Renderer {
   }
   // pictures[i] gets views[i].
   void render(SceneRef scene, double seconds, Span<const stgs_view> views,
-              Span<const stgs_picture> pictures) {
+              Span<const stgs_image> pictures) {
     if (views.size() != pictures.size()) {
       throw Error(STGS_ERROR_ARGUMENT, "as many pictures as views");
     }
@@ -246,13 +246,13 @@ class Renderer {
                       static_cast<std::uint32_t>(views.size())),
           get());
   }
-  void render(SceneRef scene, double seconds, const stgs_view& view, const stgs_picture& picture) {
+  void render(SceneRef scene, double seconds, const stgs_view& view, const stgs_image& picture) {
     check(stgs_render(get(), scene.get(), seconds, &view, &picture, 1), get());
   }
   // A picture of 8 bits: red, green, blue, alpha; rows side by side.
   std::vector<std::uint8_t> render_rgba8(SceneRef scene, double seconds, const stgs_view& view) {
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-    stgs_picture picture = no_picture();
+    stgs_image picture = no_picture();
     picture.rgba8 = {pixels.data(), 0, pixels.size()};
     render(scene, seconds, view, picture);
     return pixels;

@@ -24,7 +24,7 @@ struct CUstream_st; /* cudaStream_t and CUstream are pointers to it */
  * its destruction wait for that, so that what the stream waits for must come without this thread.
  * After an error the buffers may have any content. */
 STGS_API stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                                      const stgs_view* views, const stgs_picture* pictures,
+                                      const stgs_view* views, const stgs_image* pictures,
                                       uint32_t count, struct CUstream_st* stream);
 
 #ifdef __cplusplus

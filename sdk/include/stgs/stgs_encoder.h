@@ -155,10 +155,10 @@ typedef struct stgs_train_settings {
   /* File to write now and then, when stopped, and at the end. Where it cannot be written, that is
    * an error of a run that is stopped, else a warning. */
   const char* checkpoint;
-  uint32_t checkpoint_interval; /* iterations, 1 to 10^8; default 500 */
-  const char* resume;           /* checkpoint to go on from; may be `checkpoint` */
-  const char* log_path;         /* file of JSON lines: steps and measures */
-  uint32_t held_out_measures;   /* of the test cameras in a run, up to 10^6; default 5 */
+  uint32_t checkpoint_interval;  /* iterations, 1 to 10^8; default 500 */
+  const char* resume;            /* checkpoint to go on from; may be `checkpoint` */
+  const char* log_path;          /* file of JSON lines: steps and measures */
+  uint32_t held_out_evaluations; /* of the test cameras in a run, up to 10^6; default 5 */
   uint64_t frame_memory; /* bytes of decoded pictures; 0 (default): a share of what is free */
   const char* perceptual_weights; /* safetensors file with VGG16's, for the perceptual loss */
   const stgs_parameter* parameters;
@@ -174,11 +174,11 @@ typedef struct stgs_train_report {
   stgs_backend backend; /* that trained */
   uint64_t iterations;
   uint64_t primitives;
-  uint64_t bytes;             /* of the scene's file */
-  double seconds;             /* of training, with those of the runs that it went on from */
-  double loss;                /* running mean at the end */
-  double held_out_psnr;       /* the last measure, dB; 0: none */
-  uint32_t held_out_pictures; /* that it is the mean of */
+  uint64_t bytes;           /* of the scene's file */
+  double seconds;           /* of training, with those of the runs that it went on from */
+  double loss;              /* running mean at the end */
+  double held_out_psnr;     /* the last measure, dB; 0: none */
+  uint32_t held_out_images; /* that it is the mean of */
 } stgs_train_report;
 
 /* Trains a scene from the prepared capture in the folder `prepared` and writes it, lossless, to the
@@ -219,8 +219,8 @@ typedef struct stgs_pack_settings {
   float up[3];            /* against gravity, of any length; 0, 0, 0 (default): as the scene says */
   int32_t has_floor;      /* 1: `floor` counts, where up is known; default 0 */
   float floor[3];         /* a point of the floor, scene units */
-  const char* sound;      /* URI reference of the sound, relative to the file's place */
-  double sound_begin;     /* seconds, -10^6 to 10^6; default 0 */
+  const char* audio;      /* URI reference of the sound, relative to the file's place */
+  double audio_begin;     /* seconds, -10^6 to 10^6; default 0 */
 } stgs_pack_settings;
 
 /* `struct_size` is sizeof(*settings). */
@@ -229,10 +229,11 @@ STGS_API stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, s
 /* What was written, and what it lost: measured by decoding it. */
 typedef struct stgs_pack_report {
   size_t struct_size;
-  uint64_t primitives;     /* written */
-  uint64_t dropped;        /* never seen within the clip, and left out */
-  uint64_t lost_segments;  /* of damaged inputs, left out */
-  uint64_t lost_harmonics; /* segments of damaged inputs that lost their view-dependent colour */
+  uint64_t primitives;       /* written */
+  uint64_t dropped;          /* never seen within the clip, and left out */
+  uint64_t damaged_segments; /* of damaged inputs, left out */
+  uint64_t
+      damaged_sh_segments; /* segments of damaged inputs that lost their view-dependent colour */
   uint64_t bytes_in, bytes_out;
   double quality;      /* that it was packed with */
   double kbps;         /* mean bit rate, kbit/s */
@@ -241,10 +242,10 @@ typedef struct stgs_pack_report {
   double colour_rms;     /* of the degree-0 colour, sRGB-encoded, 0 to 1 */
   double opacity_max;    /* 0 to 1 */
   double visibility_max; /* of opacity and lifespan together at a frame, 0 to 1 */
-  double time_max;      /* of lifespans' centres, frames; of what is not always seen, as the next */
-  double radius_max;    /* of their flat tops, frames */
-  double sigma_max;     /* of their widths, natural logarithm */
-  double pictures_psnr; /* of its pictures against the scene's, dB; 0: not measured */
+  double time_max;    /* of lifespans' centres, frames; of what is not always seen, as the next */
+  double radius_max;  /* of their flat tops, frames */
+  double sigma_max;   /* of their widths, natural logarithm */
+  double images_psnr; /* of its pictures against the scene's, dB; 0: not measured */
   double held_out_before; /* PSNR of the scene on the test cameras of `against`, dB; 0: none */
   double held_out_after;  /* of what was written */
 } stgs_pack_report;
@@ -297,9 +298,9 @@ typedef struct stgs_record_settings {
   const stgs_view* start_view; /* what stgs_scene_start_view is to give, but for its fovea, which a
                                 * file has no place for; NULL (default): no camera, and near plane
                                 * and background of stgs_view_defaults */
-  const char* sound;           /* URI reference of the sound, relative to the file's place; up to
+  const char* audio;           /* URI reference of the sound, relative to the file's place; up to
                                 * 4096 bytes */
-  double sound_begin;          /* seconds, -10^6 to 10^6; default 0 */
+  double audio_begin;          /* seconds, -10^6 to 10^6; default 0 */
 } stgs_record_settings;
 
 /* `struct_size` is sizeof(*settings). */
@@ -330,19 +331,19 @@ STGS_API stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* p
 
 /* What is seen from the end of what is recorded on. Arrays of the caller's, read during the call.
  */
-typedef struct stgs_stretch {
+typedef struct stgs_fragment {
   size_t struct_size;
-  uint32_t frames;       /* that the recording grows by, at least 1 (default) */
-  uint32_t stay_frames;  /* up to which the primitives may be seen, beside later stretches; 0
-                          * (default), or less than `frames`: to the end of the stretch */
-  uint64_t count;        /* primitives, up to 2 * 10^8; default 0, and the arrays NULL */
-  const float* position; /* 3 each: at the moment `time`, or the beginning; scene units */
-  const float* velocity; /* 3 each: scene units a second; NULL: all stand still */
-  const float* scale;    /* 3 each: standard deviations along its axes, > 0, scene units */
-  const float* rotation; /* 4 each: of its axes, quaternion w, x, y, z of any length but 0; NULL:
-                          * those of the world */
-  const float* opacity;  /* 1 each: 0 to 1, where 0.001 and 0.999 are the least and the most */
-  const float* sh;       /* 3 (sh_degree + 1)^2 each, as of stgs_primitives */
+  uint32_t frames;         /* that the recording grows by, at least 1 (default) */
+  uint32_t visible_frames; /* up to which the primitives may be seen, beside later stretches; 0
+                            * (default), or less than `frames`: to the end of the stretch */
+  uint64_t count;          /* primitives, up to 2 * 10^8; default 0, and the arrays NULL */
+  const float* position;   /* 3 each: at the moment `time`, or the beginning; scene units */
+  const float* velocity;   /* 3 each: scene units a second; NULL: all stand still */
+  const float* scale;      /* 3 each: standard deviations along its axes, > 0, scene units */
+  const float* rotation;   /* 4 each: of its axes, quaternion w, x, y, z of any length but 0; NULL:
+                            * those of the world */
+  const float* opacity;    /* 1 each: 0 to 1, where 0.001 and 0.999 are the least and the most */
+  const float* sh;         /* 3 (sh_degree + 1)^2 each, as of stgs_primitives */
   /* When each is seen, seconds from the beginning of the stretch; three arrays, or NULL: from its
    * beginning to its end. It is seen in full `radius` before and after `time`; s seconds beyond
    * that by exp(-(s / sigma)^2). What is never seen so within the stretch is left out, and counted
@@ -353,17 +354,17 @@ typedef struct stgs_stretch {
   const float* radius;     /* >= 0 */
   const float* importance; /* 1 each, >= 0: what is sent first, when a link is slow; NULL: by size
                             * and opacity */
-} stgs_stretch;
+} stgs_fragment;
 
 /* No primitives. `struct_size` is sizeof(*stretch). */
-STGS_API stgs_result stgs_stretch_defaults(stgs_stretch* stretch, size_t struct_size);
+STGS_API stgs_result stgs_fragment_defaults(stgs_fragment* stretch, size_t struct_size);
 /* Encodes and appends. Once it has returned, readers find the stretch. STGS_ERROR_IO, as where the
  * disk is full, ends the recording: the file is cut to the stretch before, as far as the system
  * lets it, and released, so that stgs_recorder_resume of another recorder may go on with it; this
  * one has its status alone to give (STGS_ERROR_STATE). After any other error nothing has changed,
  * and the same or another stretch may follow: STGS_ERROR_ARGUMENT, _STRUCT_SIZE, _OUT_OF_MEMORY,
  * _UNSUPPORTED, as where a primitive lies too far out, and others. */
-STGS_API stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_stretch* stretch);
+STGS_API stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_fragment* stretch);
 /* Says in the file that no more will come, after which there is nothing to append or resume.
  * Players play it to its end, and servers and caches may keep it. After STGS_ERROR_IO the recording
  * has ended as after that of stgs_recorder_append, with all its stretches; after any other error

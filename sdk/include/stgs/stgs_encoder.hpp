@@ -105,8 +105,8 @@ inline void check(stgs_result result, const stgs_recorder* recorder) {
 inline stgs_record_settings record_settings() {
   return detail::with_defaults<stgs_record_settings>(stgs_record_settings_defaults);
 }
-inline stgs_stretch empty_stretch() {
-  return detail::with_defaults<stgs_stretch>(stgs_stretch_defaults);
+inline stgs_fragment empty_fragment() {
+  return detail::with_defaults<stgs_fragment>(stgs_fragment_defaults);
 }
 
 class Recorder {
@@ -123,7 +123,7 @@ class Recorder {
   void resume(const std::string& path, const stgs_record_settings& settings = record_settings()) {
     check(stgs_recorder_resume(get(), path.c_str(), &settings), get());
   }
-  void append(const stgs_stretch& stretch) { check(stgs_recorder_append(get(), &stretch), get()); }
+  void append(const stgs_fragment& stretch) { check(stgs_recorder_append(get(), &stretch), get()); }
   void close() { check(stgs_recorder_close(get()), get()); }
   stgs_recorder_status status() const {
     auto status = detail::sized<stgs_recorder_status>();

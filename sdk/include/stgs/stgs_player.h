@@ -38,14 +38,14 @@ typedef struct stgs_player_settings {
   uint64_t max_primitives; /* of the whole file; default 200 million */
   uint64_t max_memory;     /* bytes of the file's index, and of decoding a segment; default 4 GiB,
                             * at least 1 MiB */
-  double ahead_seconds;    /* fetched before they are needed, at the rate of play; default 10 */
+  double prefetch_seconds; /* fetched before they are needed, at the rate of play; default 10 */
   double resume_seconds;   /* there before play goes on after it has stood still; default 0.3 */
-  double patience_seconds; /* a layer is fetched so much further ahead than the next; default 1 */
-  double retry_seconds;    /* until what could not be read is tried again; after each failure twice
-                            * as long, as far as 10; default 1 */
-  uint32_t fetches;        /* reads at once, 1 to 64; default 4 */
-  uint32_t url_tries;      /* of a URL: in a row that bring nothing, then a read fails; 1 to 1000;
-                            * default 5 */
+  double layer_lead_seconds; /* a layer is fetched so much further ahead than the next; default 1 */
+  double retry_seconds; /* until what could not be read is tried again; after each failure twice
+                         * as long, as far as 10; default 1 */
+  uint32_t max_reads_in_flight; /* reads at once, 1 to 64; default 4 */
+  uint32_t url_max_attempts; /* of a URL: in a row that bring nothing, then a read fails; 1 to 1000;
+                              * default 5 */
   double url_connect_seconds; /* of a URL: to a connection, then a try fails; default 10 */
   double url_stall_seconds;   /* of a URL: without a byte, or at less than 100 a second, then a try
                                * fails; less than 0.1 counts as that; default 10 */
@@ -56,13 +56,13 @@ typedef struct stgs_player_settings {
   const stgs_task_runner* task_runner;
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
   /* Of a recording that is still being made, see stgs_player_get_live(). */
-  int32_t live_follow;        /* 1 (default): it is followed; 0: what is recorded is a clip */
-  double live_behind_seconds; /* behind its edge, or further where its stretches ask for that; 0:
-                               * as near as they let it be; default 1 */
-  double live_poll_seconds;   /* between looks for more, when it is due; less than 0.01 counts as
-                               * that; default 0.05 */
-  double live_stall_seconds;  /* without more, then STGS_EVENT_STALLED; default 5 */
-  double live_skip_seconds;   /* further behind than it is to be, the moment jumps; default 3 */
+  int32_t live_follow;         /* 1 (default): it is followed; 0: what is recorded is a clip */
+  double live_latency_seconds; /* behind its edge, or further where its stretches ask for that; 0:
+                                * as near as they let it be; default 1 */
+  double live_poll_seconds;    /* between looks for more, when it is due; less than 0.01 counts as
+                                * that; default 0.05 */
+  double live_stall_seconds;   /* without more, then STGS_EVENT_STALLED; default 5 */
+  double live_skip_seconds;    /* further behind than it is to be, the moment jumps; default 3 */
 } stgs_player_settings;
 
 /* `struct_size` is sizeof(*settings). */
@@ -110,7 +110,7 @@ typedef struct stgs_async_io {
    * returns. Then stgs_read_complete is called once, by any thread, also before `begin` returns;
    * until then `out` may be written to. Called by several threads at once, which are the player's.
    * A read that is not needed where the viewer has jumped to is given up after half a second: it is
-   * completed as others, and is not one of the `fetches` any more. */
+   * completed as others, and is not one of the `max_reads_in_flight` any more. */
   void (*begin)(void* user, stgs_read* read, uint64_t offset, void* out, size_t bytes);
   /* No answer is waited for any more: reads may be completed with an error. Called once at most, by
    * stgs_player_destroy; NULL: nothing to do. */
@@ -164,12 +164,12 @@ STGS_API stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop);
 
 typedef struct stgs_player_live {
   size_t struct_size;
-  int32_t growing;       /* 1: more is expected. 0: there is an end, and the rest is 0 */
-  int32_t following;     /* 1: play keeps to the edge */
-  double edge_seconds;   /* the end of what is recorded, as far as is known */
-  double behind_seconds; /* how far the moment is behind the edge, which is taken to move on
-                          * steadily between what comes: what a viewer is late by */
-  double wanted_seconds; /* how far it is to be */
+  int32_t growing;               /* 1: more is expected. 0: there is an end, and the rest is 0 */
+  int32_t following;             /* 1: play keeps to the edge */
+  double edge_seconds;           /* the end of what is recorded, as far as is known */
+  double latency_seconds;        /* how far the moment is behind the edge, which is taken to move on
+                                  * steadily between what comes: what a viewer is late by */
+  double target_latency_seconds; /* how far it is to be */
 } stgs_player_live;
 
 /* As of the last update; all 0 before the file is open. live->struct_size is set by the caller. */
@@ -191,12 +191,12 @@ enum {
 typedef struct stgs_player_status {
   size_t struct_size;
   stgs_player_state state;
-  double seconds;         /* the moment to draw */
-  int32_t layers;         /* that are there of the moment, from the base of the picture on */
-  int32_t layers_of_file; /* all; 0 before the file is open */
-  int32_t ready;          /* 1: the base is there, a picture of all the space. 0: it has not come,
-                           * or could not be had, and the picture has holes */
-  int32_t settled;        /* 1: nothing more of the moment is coming, for now */
+  double seconds;      /* the moment to draw */
+  int32_t layers;      /* that are there of the moment, from the base of the picture on */
+  int32_t layer_count; /* all; 0 before the file is open */
+  int32_t ready;       /* 1: the base is there, a picture of all the space. 0: it has not come,
+                        * or could not be had, and the picture has holes */
+  int32_t is_complete; /* 1: nothing more of the moment is coming, for now */
 } stgs_player_status;
 
 /* Where the player is at `now`, seconds of any clock that never goes back; a step of more than 0.25
@@ -217,10 +217,10 @@ enum {
   STGS_EVENT_RESUMED = 4, /* it goes on after _BUFFERING; who pauses meanwhile puts that off */
   STGS_EVENT_LOOPED = 5,
   STGS_EVENT_ENDED = 6,
-  STGS_EVENT_LAYERS = 7,   /* the number of layers at the moment has changed */
-  STGS_EVENT_RETRY = 8,    /* a transfer from a URL failed and is tried again */
-  STGS_EVENT_LOST = 9,     /* a piece of the file could not be read; it is tried again later. Once
-                            * for each piece and try: many at once where a source is down */
+  STGS_EVENT_LAYERS = 7,      /* the number of layers at the moment has changed */
+  STGS_EVENT_RETRY = 8,       /* a transfer from a URL failed and is tried again */
+  STGS_EVENT_READ_FAILED = 9, /* a piece of the file could not be read; it is tried again later.
+                               * Once for each piece and try: many at once where a source is down */
   STGS_EVENT_DAMAGED = 10, /* a piece is not what was written; the picture lacks it. Behind _OPENED:
                             * what was wrong with the file then (stgs_scene_get_issue), of that the
                             * first STGS_MAX_OPENING_DAMAGE */

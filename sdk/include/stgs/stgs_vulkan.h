@@ -51,9 +51,9 @@ STGS_API stgs_result stgs_vulkan_device_defaults(stgs_vulkan_device* device, siz
 
 typedef struct stgs_vulkan_support {
   size_t struct_size;
-  int32_t can_draw;            /* 0 or 1: Vulkan 1.1, and limits that are large enough */
+  int32_t can_render;          /* 0 or 1: Vulkan 1.1, and limits that are large enough */
   int32_t timeline_semaphores; /* 0 or 1: whether a device can be made with them */
-  char lacks[128];             /* what it cannot be drawn with for; empty: nothing */
+  char missing_features[128];  /* what it cannot be drawn with for; empty: nothing */
   /* 0 or 1: whether a device can be made with subgroupSizeControl and computeFullSubgroups */
   int32_t subgroup_size_control;
 } stgs_vulkan_support;
@@ -128,16 +128,16 @@ STGS_API stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t
 
 /* Frames on their way at most; with one more stgs_vulkan_submit waits until the oldest has ended.
  */
-#define STGS_VULKAN_FRAMES_ON_THE_WAY 3
+#define STGS_VULKAN_MAX_FRAMES_IN_FLIGHT 3
 
 /* Submits the drawing of the moment `seconds` and returns without waiting for it: *number, where
  * `number` is not NULL, counts the renderer's frames from 1 on. Of a player, draw stgs_player_scene
  * at its status's `seconds`. Uses the scene as well as the renderer: neither may be in another
  * call; afterwards the scene may be destroyed, and the structs and arrays be reused.
  *
- * It does wait for earlier frames, and so for their semaphores, where STGS_VULKAN_FRAMES_ON_THE_WAY
- * are on their way, where buffers must grow, and where much of the scene is sent first: what those
- * wait for must be signalled without this thread.
+ * It does wait for earlier frames, and so for their semaphores, where
+ * STGS_VULKAN_MAX_FRAMES_IN_FLIGHT are on their way, where buffers must grow, and where much of the
+ * scene is sent first: what those wait for must be signalled without this thread.
  *
  * After an error nothing was submitted: no semaphore is waited for or signalled, and no image has
  * changed. STGS_ERROR_ARGUMENT: a view, an image or a semaphore; a renderer that
@@ -158,11 +158,11 @@ typedef struct stgs_vulkan_progress {
   uint64_t number; /* of stgs_vulkan_submit; 0: none has ended, and all below is 0 */
   /* 0: the frame lacked its farthest splats, for which there was no room; the renderer has made
    * room by then, within what the device can hold. */
-  int32_t whole;
-  uint64_t primitives_alive; /* candidates at the moment */
-  uint64_t splats;           /* in view; a sum over the views */
-  double prepare_ms;         /* of the processor, in stgs_vulkan_submit */
-  double device_ms;          /* of the device; 0 where its queue has no timestamps */
+  int32_t complete;
+  uint64_t active_primitives; /* candidates at the moment */
+  uint64_t splats;            /* in view; a sum over the views */
+  double prepare_ms;          /* of the processor, in stgs_vulkan_submit */
+  double device_ms;           /* of the device; 0 where its queue has no timestamps */
 } stgs_vulkan_progress;
 
 /* Looks, and does not wait. progress->struct_size is set by the caller. */

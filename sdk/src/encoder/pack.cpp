@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "encoder/encoder.h"
-#include "stgs/format/output_place.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::sdk {
 namespace {
@@ -35,7 +35,7 @@ Outcome check(const stgs_pack_settings& s) {
   for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
   STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
   for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
-  return check_range("sound_begin", s.sound_begin, -1e6, 1e6);
+  return check_range("audio_begin", s.audio_begin, -1e6, 1e6);
 }
 
 encoder::PackSettings packing_of(const stgs_pack_settings& s) {
@@ -50,8 +50,8 @@ encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   if (s.metres_per_unit > 0) settings.metres_per_unit = static_cast<float>(s.metres_per_unit);
   if (!is_zero(s.up)) settings.up = {s.up[0], s.up[1], s.up[2]};
   if (s.has_floor != 0) settings.floor = {s.floor[0], s.floor[1], s.floor[2]};
-  if (s.sound != nullptr) settings.sound = s.sound;
-  settings.sound_begin = s.sound_begin;
+  if (s.audio != nullptr) settings.audio = s.audio;
+  settings.audio_begin = s.audio_begin;
   return settings;
 }
 
@@ -83,8 +83,8 @@ void tell(const encoder::PackReport& from, stgs_pack_report* to) {
   };
   report.primitives = from.primitives;
   report.dropped = from.dropped;
-  report.lost_segments = from.lost_segments;
-  report.lost_harmonics = from.lost_harmonics;
+  report.damaged_segments = from.damaged_segments;
+  report.damaged_sh_segments = from.damaged_sh_segments;
   report.bytes_in = from.bytes_in;
   report.bytes_out = from.bytes_out;
   report.quality = from.quality;
@@ -97,7 +97,7 @@ void tell(const encoder::PackReport& from, stgs_pack_report* to) {
   report.time_max = from.time_max;
   report.radius_max = from.radius_max;
   report.sigma_max = from.sigma_max;
-  report.pictures_psnr = from.pictures_psnr.value_or(0.0);
+  report.images_psnr = from.images_psnr.value_or(0.0);
   report.held_out_before = psnr(from.held_out_before);
   report.held_out_after = psnr(from.held_out_after);
   give_struct(to, report);

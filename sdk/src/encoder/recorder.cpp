@@ -47,8 +47,8 @@ stgs_record_settings default_settings() {
   return settings;
 }
 
-stgs_stretch default_stretch() {
-  stgs_stretch stretch{};
+stgs_fragment default_stretch() {
+  stgs_fragment stretch{};
   stretch.struct_size = sizeof(stretch);
   stretch.frames = 1;
   return stretch;
@@ -77,8 +77,8 @@ Outcome check(const stgs_record_settings& s) {
   for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
   for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
   STGS_SDK_TRY(check_text("title", s.title));
-  STGS_SDK_TRY(check_text("sound", s.sound));
-  return check_range("sound_begin", s.sound_begin, -1e6, 1e6);
+  STGS_SDK_TRY(check_text("audio", s.audio));
+  return check_range("audio_begin", s.audio_begin, -1e6, 1e6);
 }
 
 RecordSettings recording_of(const stgs_record_settings& s) {
@@ -117,8 +117,8 @@ Outcome take_metadata(const stgs_record_settings& s, SceneMetadata& metadata) {
     for (int i = 0; i < 3; ++i) metadata.up[i] = static_cast<float>(s.up[i] / length);
     std::copy_n(s.floor, 3, metadata.floor);
   }
-  metadata.sound = text_of(s.sound);
-  metadata.sound_begin = metadata.time_base.ticks(s.sound_begin);
+  metadata.audio = text_of(s.audio);
+  metadata.audio_begin = metadata.time_base.ticks(s.audio_begin);
   return take_start_view(s.start_view, metadata);
 }
 
@@ -126,12 +126,12 @@ Outcome wrong(std::string message) {
   return {STGS_ERROR_ARGUMENT, "stretch: " + std::move(message)};
 }
 
-Outcome check(const stgs_stretch& s, std::uint32_t frames) {
+Outcome check(const stgs_fragment& s, std::uint32_t frames) {
   if (s.frames == 0) return wrong("its frames are 0; it has one at least");
   constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
-  if (std::max(s.frames, s.stay_frames) > kMost - frames) {
+  if (std::max(s.frames, s.visible_frames) > kMost - frames) {
     return wrong(fmt::format("{} frames after {} are more than a file can have",
-                             std::max(s.frames, s.stay_frames), frames));
+                             std::max(s.frames, s.visible_frames), frames));
   }
   if (s.count > kMostPrimitives) {
     return wrong(fmt::format("{} primitives, more than {}", s.count, kMostPrimitives));
@@ -149,7 +149,7 @@ Outcome check(const stgs_stretch& s, std::uint32_t frames) {
 }
 
 // By the names that the caller knows; the recorder checks what comes of them.
-Outcome check_finite(const stgs_stretch& s, int sh_degree) {
+Outcome check_finite(const stgs_fragment& s, int sh_degree) {
   const auto coefficients = static_cast<std::size_t>(3 * (sh_degree + 1) * (sh_degree + 1));
   const struct {
     const char* name;
@@ -175,7 +175,7 @@ Outcome check_finite(const stgs_stretch& s, int sh_degree) {
 }
 
 // The stretch as the format has it, in ticks of `seconds`. What the recorder checks is left to it.
-Outcome take_primitives(const stgs_stretch& s, int sh_degree, double seconds, Gaussians4D& set) {
+Outcome take_primitives(const stgs_fragment& s, int sh_degree, double seconds, Gaussians4D& set) {
   const auto n = static_cast<std::size_t>(s.count);
   STGS_SDK_TRY(check_finite(s, sh_degree));
   set.sh_degree = sh_degree;
@@ -191,7 +191,7 @@ Outcome take_primitives(const stgs_stretch& s, int sh_degree, double seconds, Ga
     if (s.velocity != nullptr) set.velocity[i] = static_cast<float>(s.velocity[i] * seconds);
   }
   // From the first frame, in full, to beyond the last at which it may be seen.
-  const auto always = 2.0f * static_cast<float>(std::max(s.frames, s.stay_frames));
+  const auto always = 2.0f * static_cast<float>(std::max(s.frames, s.visible_frames));
   for (std::size_t i = 0; i < n; ++i) {
     if (!(s.opacity[i] >= 0 && s.opacity[i] <= 1)) {
       return wrong(fmt::format("opacity of primitive {} is {}, not 0 to 1", i, s.opacity[i]));
@@ -214,7 +214,7 @@ Outcome take_path_and_settings(const stgs_recorder& recorder, const char* path,
   return check(settings);
 }
 
-Outcome append(stgs_recorder& to, const stgs_stretch& stretch) {
+Outcome append(stgs_recorder& to, const stgs_fragment& stretch) {
   SceneRecorder& recorder = *to.recorder;
   STGS_SDK_TRY(check(stretch, recorder.frames()));
   Gaussians4D set;
@@ -225,7 +225,8 @@ Outcome append(stgs_recorder& to, const stgs_stretch& stretch) {
   const std::uint32_t begin = recorder.frames();
   Outcome outcome;
   run_on(to.threads, [&] {
-    outcome = recorder.append(set, begin + stretch.frames, importance, begin + stretch.stay_frames);
+    outcome =
+        recorder.append(set, begin + stretch.frames, importance, begin + stretch.visible_frames);
   });
   return outcome;
 }
@@ -239,7 +240,7 @@ stgs_result stgs_record_settings_defaults(stgs_record_settings* settings, size_t
   return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
-stgs_result stgs_stretch_defaults(stgs_stretch* stretch, size_t struct_size) {
+stgs_result stgs_fragment_defaults(stgs_fragment* stretch, size_t struct_size) {
   return stgs::sdk::put_defaults(stretch, struct_size, stgs::sdk::default_stretch());
 }
 
@@ -287,11 +288,11 @@ stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
   });
 }
 
-stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_stretch* stretch) {
+stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_fragment* stretch) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
     STGS_SDK_TRY(recorder->check_recording());
-    stgs_stretch taken = default_stretch();
+    stgs_fragment taken = default_stretch();
     STGS_SDK_TRY(take_struct(stretch, taken, "stretch"));
     return append(*recorder, taken);
   });

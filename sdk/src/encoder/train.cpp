@@ -5,7 +5,7 @@
 
 #include "encoder/encoder.h"
 #include "stgs/encoder/windows.h"
-#include "stgs/format/output_place.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::sdk {
 namespace {
@@ -19,7 +19,7 @@ stgs_train_settings default_settings() {
   settings.seed = defaults.seed;
   settings.end_frame = -1;
   settings.checkpoint_interval = static_cast<std::uint32_t>(defaults.checkpoint_interval);
-  settings.held_out_measures = static_cast<std::uint32_t>(defaults.held_out_measures);
+  settings.held_out_evaluations = static_cast<std::uint32_t>(defaults.held_out_evaluations);
   return settings;
 }
 
@@ -51,7 +51,7 @@ Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_range("max_seconds", s.max_seconds, 1, 1e8, "no limit"));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_range("checkpoint_interval", s.checkpoint_interval, 1, kMostIterations));
-  STGS_SDK_TRY(check_range("held_out_measures", s.held_out_measures, 0, 1e6));
+  STGS_SDK_TRY(check_range("held_out_evaluations", s.held_out_evaluations, 0, 1e6));
   return check_parameters(s);
 }
 
@@ -69,7 +69,7 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   settings.checkpoint_interval = static_cast<int>(s.checkpoint_interval);
   settings.resume = text_of(s.resume);
   settings.log_path = text_of(s.log_path);
-  settings.held_out_measures = static_cast<int>(s.held_out_measures);
+  settings.held_out_evaluations = static_cast<int>(s.held_out_evaluations);
   settings.frame_memory = s.frame_memory;
   settings.perceptual_weights = text_of(s.perceptual_weights);
   for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
@@ -81,7 +81,7 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
 // Places that are written to can be, and none is another, but that a checkpoint may go on in its
 // own.
 Status check_places(const std::string& scene, const encoder::TrainSettings& settings) {
-  std::vector<NamedPlace> places = {
+  std::vector<NamedPath> places = {
       {"scene", scene}, {"checkpoint", settings.checkpoint}, {"log_path", settings.log_path}};
   if (check_distinct({places[1], {"resume", settings.resume}}).ok()) {
     places.push_back({"resume", settings.resume});
@@ -96,8 +96,8 @@ Status check_places(const std::string& scene, const encoder::TrainSettings& sett
 Result<encoder::PreparedCapture> capture_of(const char* prepared, const stgs_train_settings& s) {
   STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(prepared));
   if (s.first_frame == 0 && s.end_frame == -1) return capture;
-  return encoder::window_of(capture,
-                            {s.first_frame, s.end_frame == -1 ? capture.frames : s.end_frame});
+  return encoder::extract_window(capture,
+                                 {s.first_frame, s.end_frame == -1 ? capture.frames : s.end_frame});
 }
 
 Status train(const char* prepared, const std::string& scene, const stgs_train_settings& s,
@@ -128,8 +128,7 @@ Outcome tell(const encoder::TrainReport& from, const char* scene, stgs_train_rep
   report.seconds = from.seconds;
   report.loss = from.final_loss;
   report.held_out_psnr = from.held_out ? from.held_out->psnr : 0.0;
-  report.held_out_pictures =
-      from.held_out ? static_cast<std::uint32_t>(from.held_out->pictures) : 0;
+  report.held_out_images = from.held_out ? static_cast<std::uint32_t>(from.held_out->images) : 0;
   give_struct(to, report);
   return {};
 }

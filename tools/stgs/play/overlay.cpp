@@ -49,11 +49,12 @@ void draw_statistics(Playback& playback, const OverlayFacts& facts) {
   text(facts.device);
   text(fmt::format("fetch {:.2f}  slice {:.2f}  bin {:.2f}  blend {:.2f} ms", s.fetch_ms,
                    s.slice_ms, s.bin_ms, s.blend_ms));
-  text(fmt::format("alive {}  in view {}  stored {}", s.alive, s.drawn, stream.stored_primitives));
+  text(
+      fmt::format("alive {}  in view {}  stored {}", s.active, s.splats, stream.stored_primitives));
   text(fmt::format("link {}  clip {}  fetched {}", megabits(8 * stream.bytes_per_second),
                    megabits(playback.bits_per_second()), human_bytes(stream.fetched_bytes)));
   text(fmt::format("buffer {:.1f} s  layers {} of {}", playback.buffered_ahead(), player.layers(),
-                   player.layers_of_file()));
+                   player.layer_count()));
   text(fmt::format("memory {} of {}", human_bytes(stream.memory_bytes),
                    human_bytes(player.timeline().memory_budget())));
   for (const std::string& notice : facts.notices) text(notice);

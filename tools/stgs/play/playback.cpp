@@ -24,7 +24,7 @@ Playback::Playback(Session& session, const PlaybackSettings& settings)
   player::PlayerSettings of_player;
   of_player.memory_budget = settings.memory;
   of_player.http.stop = stop_.get_token();
-  of_player.on_opening = [this](const PlayerEvent& event) {
+  of_player.on_opening_event = [this](const PlayerEvent& event) {
     const std::lock_guard lock(opening_mutex_);
     opening_events_.push_back(event);
   };
@@ -56,7 +56,7 @@ Status Playback::begin() {
   tell_damage(session_, player_->timeline());
   if (settings_.seconds > duration()) {
     return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", settings_.seconds,
-                       player::shown_place(settings_.file), duration());
+                       player::display_location(settings_.file), duration());
   }
   loop_ = settings_.loop;
   player_->set_loop(loop_);
@@ -111,7 +111,7 @@ double Playback::buffered_ahead() const {
 }
 
 bool Playback::is_whole() const {
-  return player_->ready() && player_->layers() >= player_->layers_of_file();
+  return player_->ready() && player_->layers() >= player_->layer_count();
 }
 
 void Playback::toggle_pause() {

@@ -49,7 +49,7 @@ class Playback {
   double bits_per_second() const;  // of the file, mean; 0 of a single frame
   double buffered_ahead() const;   // seconds, in the direction of play
   // Whether nothing more of the moment is coming, and whether all of it is there.
-  bool is_settled() const { return player_->settled(); }
+  bool is_settled() const { return player_->is_complete(); }
   bool is_whole() const;
 
   void toggle_pause();

@@ -69,7 +69,7 @@ class Show {
 
   Status open() {
     // A wrong path is told before the window, or that there is no display for one.
-    if (!player::is_url(place())) STGS_TRY(player::open_place(place()).status());
+    if (!player::is_url(place())) STGS_TRY(player::open_location(place()).status());
     STGS_ASSIGN(window_, Window::make("stgs play " + file(), first_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
@@ -108,7 +108,7 @@ class Show {
 
  private:
   const std::string& place() const { return settings_.playback.file; }
-  std::string file() const { return player::shown_place(place()); }  // for messages
+  std::string file() const { return player::display_location(place()); }  // for messages
 
   Size first_size() const {
     if (settings_.size) return *settings_.size;
@@ -200,7 +200,7 @@ class Show {
     settled_ = playback_.is_settled();
     STGS_ASSIGN(number_, renderer_->submit(timeline, report_.seconds, {view}, to));
     if (settled_ && whole_from_ == 0) whole_from_ = number_;
-    STGS_ASSIGN(frame_, renderer_->last_ended());
+    STGS_ASSIGN(frame_, renderer_->last_completed());
     count_picture();
     return {};
   }
@@ -228,11 +228,11 @@ class Show {
     encoder::Image8 shown;
     STGS_TRY(screen_->end(*ImGui::GetDrawData(), is_open_, keep ? &shown : nullptr));
     if (!keep) return {};
-    STGS_ASSIGN(frame_, renderer_->last_ended());
+    STGS_ASSIGN(frame_, renderer_->last_completed());
     // One that lacks splats is drawn again, with the room that it needed, where there is as much.
     if (frame_.number != number_) return {};
-    if (at_end && frame_.stats.waiting > 0 && ++late_ < kMostLate) return {};
-    if (!frame_.whole) {
+    if (at_end && frame_.stats.pending > 0 && ++late_ < kMostLate) return {};
+    if (!frame_.complete) {
       if (++cut_ < kMostTries) return {};
       constexpr const char* kWhy = "the splats touch more tiles than the device can list";
       if (at_end) return runtime_error("{}: {}", moment_name(file(), report_.seconds), kWhy);
@@ -242,10 +242,10 @@ class Show {
     cut_ = 0;
     if (at_end) {
       done_ = true;
-      if (frame_.stats.waiting > 0) {
+      if (frame_.stats.pending > 0) {
         session_.log(1, fmt::format("{}: the screenshot lacks {} primitives that the device had "
                                     "not got yet; use --paused",
-                                    moment_name(file(), report_.seconds), frame_.stats.waiting));
+                                    moment_name(file(), report_.seconds), frame_.stats.pending));
       }
       if (!playback_.is_whole()) {
         session_.log(1, fmt::format("{}: the screenshot lacks what is damaged, could not be read, "

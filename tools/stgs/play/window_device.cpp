@@ -114,11 +114,11 @@ Status WindowDevice::choose() {
     const int family = family_of(one, surface_);
     VkPhysicalDeviceProperties properties{};
     vkGetPhysicalDeviceProperties(one, &properties);
-    const int rank = player::vulkan_rank(properties.deviceType);
+    const int rank = player::vulkan_device_rank(properties.deviceType);
     if (family < 0 || rank <= best) continue;
     STGS_ASSIGN(const player::VulkanSupport offered,
                 player::vulkan_support(nullptr, device_.instance, device_.api_version, one));
-    if (!offered.lacks.empty()) continue;
+    if (!offered.missing_features.empty()) continue;
     best = rank;
     device_.physical_device = one;
     device_.queue_family = static_cast<std::uint32_t>(family);

@@ -11,7 +11,7 @@
 
 namespace stgs::encoder {
 
-inline constexpr int kHeldOutPictures = 8;  // at most, so that a measure stays short
+inline constexpr int kMaxHeldOutImages = 8;  // at most, so that a measure stays short
 
 struct SampledView {
   std::size_t camera = 0;  // index into the capture's cameras
@@ -25,7 +25,7 @@ std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test,
 // Means over the pictures, dB; the measures are those of metrics.h.
 struct HeldOutScore {
   double psnr = 0, psnr_cc = 0;
-  int pictures = 0;
+  int images = 0;
 };
 
 class HeldOutViews {

@@ -30,13 +30,13 @@ struct PackSettings {
   std::optional<float> metres_per_unit;       // > 0
   std::optional<std::array<float, 3>> up;     // against gravity, of any length but 0
   std::optional<std::array<float, 3>> floor;  // a point of the floor; where up is known
-  // Where the scene's sound is (SceneMetadata::sound), and when it begins, seconds.
-  std::optional<std::string> sound;
-  double sound_begin = 0;
+  // Where the scene's sound is (SceneMetadata::audio), and when it begins, seconds.
+  std::optional<std::string> audio;
+  double audio_begin = 0;
 };
 
 // What pack() would refuse of up and floor for a scene that says nothing of them: kUsage.
-Status check_space(const PackSettings& settings);
+Status check_up_and_floor(const PackSettings& settings);
 
 // A merged window: the frames at which its primitives are drawn.
 struct PackedPart {
@@ -50,7 +50,7 @@ struct PackReport {
   std::uint64_t primitives = 0;  // written
   std::uint64_t dropped = 0;     // never visible within the clip
   // Segments of damaged inputs that are left out, and those that lost their harmonics alone.
-  std::uint64_t lost_segments = 0, lost_harmonics = 0;
+  std::uint64_t damaged_segments = 0, damaged_sh_segments = 0;
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
   double quality = 0;             // that it was packed with
@@ -63,9 +63,9 @@ struct PackReport {
   // Of opacity and lifespan together: opacity at a frame, 0..1. Then of T and r, frames, and sigma,
   // natural log, of what is not seen alike throughout its part.
   double visibility_max = 0, time_max = 0, radius_max = 0, sigma_max = 0;
-  // PSNR of its pictures against the scene's, dB (src/pack/picture_loss.h); none without a start
+  // PSNR of its pictures against the scene's, dB (src/pack/render_psnr.h); none without a start
   // camera.
-  std::optional<double> pictures_psnr;
+  std::optional<double> images_psnr;
   // On the test cameras of PackSettings::against: the scene and what was written.
   std::optional<HeldOutScore> held_out_before, held_out_after;
 };
@@ -75,7 +75,7 @@ struct PackReport {
 // where `progress` says to stop, nothing is written (kRuntime). kUsage where nothing is small
 // enough for target_kbps, kUnsupported where positions cannot keep max_error. A scene that is
 // quantised already is packed with a warning: its errors stay, new ones come. So is what is sound
-// of a damaged one (scene_losses.h).
+// of a damaged one (damage_report.h).
 Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress = {},
             const LogSink& log = {});

@@ -57,7 +57,7 @@ struct PreparedCapture {
   std::optional<CaptureWindow> window;
 
   // Frames of the folder before frame 0.
-  int skipped() const { return window ? static_cast<int>(window->first_frame) : 0; }
+  int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;
 };

@@ -24,17 +24,17 @@ class Ranks {
   virtual int node_size() const = 0;
   // all (size() x bytes) becomes what each rank gave as `own`, in the order of the ranks. `bytes`
   // is a multiple of 4 and the same on every rank. The error of another rank ends the wait.
-  virtual Status gather(const void* own, std::size_t bytes, void* all) = 0;
+  virtual Status all_gather(const void* own, std::size_t bytes, void* all) = 0;
   // The error of another rank that has failed meanwhile, for whoever waits for something else.
-  virtual Status others() = 0;
+  virtual Status check_peers() = 0;
 };
 
 // How the environment says that this process was started.
 struct Launch {
-  int size = 1;         // processes started together
-  std::string starter;  // what started them, for messages; "" where size is 1
+  int size = 1;          // processes started together
+  std::string launcher;  // what started them, for messages; "" where size is 1
 };
-Launch launch_of_environment();
+Launch detect_launch();
 
 // The ranks that mpirun or srun has started, over MPI. The library with MPI in it, stgs_mpi.so, is
 // loaded from the program's folder, so that a program that was started alone needs no MPI.
@@ -42,8 +42,8 @@ class World : public Ranks {
  public:
   // What all ranks have come to.
   struct Conclusion {
-    Status status;      // of the run: the error of the lowest rank that had one of its own
-    bool tell = false;  // this rank is the one that tells it
+    Status status;               // of the run: the error of the lowest rank that had one of its own
+    bool should_report = false;  // this rank is the one that tells it
   };
 
   // Whether this build has MPI.

@@ -41,7 +41,7 @@ class ReportPage {
   void code(const std::string& text);
   void table(const std::vector<std::pair<std::string, std::string>>& rows);
   // A picture in the page's folder; a row of them ends at the next heading.
-  void picture(const std::string& file, const std::string& caption);
+  void image(const std::string& file, const std::string& caption);
   // Nothing where no series has two points.
   void chart(const Chart& chart);
   void bars(const BarChart& chart);
@@ -54,6 +54,6 @@ class ReportPage {
 };
 
 // "0.5 to 1" labels with their counts; empty bins at both ends are left out.
-std::vector<std::pair<std::string, double>> labelled(const std::vector<HistogramBin>& bins);
+std::vector<std::pair<std::string, double>> histogram_bars(const std::vector<HistogramBin>& bins);
 
 }  // namespace stgs::encoder

@@ -36,7 +36,7 @@ struct TrainSettings {
   std::uint64_t frame_memory = 0;
   // How often in a run, evenly, a few pictures of the test cameras are measured; 0: never. The
   // scene does not depend on it, and the time that it takes is not training time.
-  int held_out_measures = 5;
+  int held_out_evaluations = 5;
   // Safetensors file with VGG16's weights, and LPIPS's linear layers where there are any, for the
   // perceptual loss; "": there is none. README.md says how to make one.
   std::string perceptual_weights;

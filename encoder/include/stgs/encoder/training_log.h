@@ -2,7 +2,7 @@
 // The log of a training: a JSON object a line (tools/schema/training_log.json), of two kinds:
 //   {"iteration", "seconds", "loss", "l1", "ssim", "normal", "perceptual", "primitives",
 //    "visible"}                                                             a step, now and then
-//   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "pictures"}}   a measure
+//   {"iteration", "seconds", "held_out": {"psnr", "psnr_cc", "images"}}   a measure
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ struct LoggedStep {
   std::uint64_t primitives = 0, visible = 0;
 };
 
-struct LoggedMeasure {
+struct LoggedEvaluation {
   std::uint64_t iteration = 0;
   double seconds = 0;
   HeldOutScore score;
@@ -32,7 +32,7 @@ struct LoggedMeasure {
 
 struct TrainingLog {
   std::vector<LoggedStep> steps;
-  std::vector<LoggedMeasure> measures;
+  std::vector<LoggedEvaluation> evaluations;
 };
 
 // In the order of the file. kInvalidFile, with the line, where a line is not of these kinds; a last

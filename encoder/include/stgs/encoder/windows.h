@@ -29,24 +29,25 @@ struct FrameSpan {
 Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap);
 
 // The frames of a span of a whole capture. kUsage where it does not lie in it.
-Result<PreparedCapture> window_of(const PreparedCapture& capture, const FrameSpan& span);
+Result<PreparedCapture> extract_window(const PreparedCapture& capture, const FrameSpan& span);
 
 // The capture that a window is of; what is no window is itself.
 PreparedCapture whole_of(const PreparedCapture& window);
 
 // What of a capture a scene shows: all of it, or the window that it is. kUsage where it is one of
 // another capture.
-Result<PreparedCapture> shown_part(const PreparedCapture& capture, const SceneMetadata& scene,
-                                   const std::string& name);
+Result<PreparedCapture> capture_for_scene(const PreparedCapture& capture,
+                                          const SceneMetadata& scene, const std::string& name);
 
-// Whether a scene has the moments of what a capture shows of it (shown_part); kUsage where not.
-Status check_same_moments(const PreparedCapture& shown, const SceneMetadata& scene,
-                          const std::string& name);
+// Whether a scene has the moments of what a capture shows of it (capture_for_scene); kUsage where
+// not.
+Status check_same_times(const PreparedCapture& shown, const SceneMetadata& scene,
+                        const std::string& name);
 
 // Warns where no camera of a capture stands where the scene's start camera does: a scene that was
 // trained here has one of its capture's, so that what is measured may be of another place. A scene
 // without a start camera tells nothing. `log` may be null.
-void warn_of_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
+void warn_if_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
                            const std::string& name, const LogSink& log);
 
 // What windows must have been trained with alike to be merged, as a number:

@@ -27,7 +27,7 @@ void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gra
   const std::size_t sh = std::size_t{3} * gradients.coefficients;
   apply(kSh, 0, 3, input.rate_sh0);
   if (sh > 3) apply(kSh, 3, sh - 3, input.rates[kSh]);
-  if (!state.is_coupled()) state.settle(i, before, input.modulated, input.settle);
+  if (!state.is_coupled()) state.damp(i, before, input.modulated, input.damping);
   state.derive(i, input.modulated);
 }
 

@@ -94,8 +94,8 @@ class CpuBackend final : public TrainBackend {
 double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings& settings) {
   cpu::find_planes(state_->set, input.ticks, input.camera, frame_, planes_);
   cpu::blend_planes(settings, frame_, planes_, surface_);
-  return normal_loss_.evaluate(surface_, *input.truth.pixels, input.camera, input.weight_normal,
-                               d_surface_);
+  return normal_loss_.evaluate(surface_, *input.ground_truth.pixels, input.camera,
+                               input.weight_normal, d_surface_);
 }
 
 Status CpuBackend::step(const StepInput& input) {
@@ -114,10 +114,10 @@ Status CpuBackend::step(const StepInput& input) {
 
   apply_colour(state_->colour[input.colour_index], output_.colour, shown_);
   const ImageLossValue value = loss_.evaluate(
-      shown_, *input.truth.pixels, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
+      shown_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
   StepOutput out;
   if (input.weight_perceptual > 0) {
-    out.perceptual = perceptual_->evaluate(shown_, *input.truth.pixels, input.patch,
+    out.perceptual = perceptual_->evaluate(shown_, *input.ground_truth.pixels, input.patch,
                                            input.weight_perceptual, d_shown_);
   }
   const ColourMap d_map =

@@ -39,7 +39,7 @@ void project_backward(const Gaussians4D& set, float t, const math::PinholeCamera
                       const std::vector<SplatGradients>& splats, PrimitiveGradients& out);
 
 // For a trainer that learns v: turns out.velocity from the gradient by u = v / f(sigma, r) into the
-// gradient by v. Nothing goes through f to sigma and r, for settled_velocity (math/settle.h) keeps
+// gradient by v. Nothing goes through f to sigma and r, for damped_velocity (math/damp.h) keeps
 // u where they change.
 void modulation_backward(const Gaussians4D& set, const SplatFrame& frame, PrimitiveGradients& out);
 

@@ -119,7 +119,7 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
   const auto count = static_cast<std::size_t>(ranks.size());
   std::vector<Head> heads(count);
   const Head head{own.ids.size(), own.output, own.by_colour_map};
-  STGS_TRY(ranks.gather(&head, sizeof(Head), heads.data()));
+  STGS_TRY(ranks.all_gather(&head, sizeof(Head), heads.data()));
   std::size_t most = 0;
   for (const Head& h : heads) most = std::max<std::size_t>(most, h.primitives);
   // Words of a rank: the ids, then the numbers, then nothing up to the longest.
@@ -129,7 +129,7 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
   if (!own.ids.empty()) {
     std::memcpy(sent.data() + most, own.numbers.data(), own.numbers.size() * sizeof(float));
   }
-  STGS_TRY(ranks.gather(sent.data(), words * sizeof(std::uint32_t), received.data()));
+  STGS_TRY(ranks.all_gather(sent.data(), words * sizeof(std::uint32_t), received.data()));
   std::vector<ViewContribution> views;
   for (std::size_t r = 0; r < count; ++r) {
     ViewContribution& view = views.emplace_back();

@@ -83,13 +83,13 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   p.y = static_cast<float>(y) + 0.5f;
   if (x >= view.width || y >= view.height) return p;  // last = 0: takes no part
   const std::size_t at = static_cast<std::size_t>(y) * view.width + x;
-  const float4 d = w.d_picture[at];
+  const float4 d = w.d_image[at];
   p.red = d.x;
   p.green = d.y;
   p.blue = d.z;
   p.error = d.w;
   if (kPlanes) p.d_surface = w.d_surface[at];
-  const float4 picture = w.picture[at];
+  const float4 picture = w.image[at];
   p.transmittance = picture.w;
   p.last = static_cast<int>(w.last[at]);
   if (p.last <= end) {

@@ -221,11 +221,11 @@ Result<std::size_t> CudaBackend::reserve_step(const StepInput& input) {
 
 Status CudaBackend::enqueue(const StepInput& input) {
   STGS_ASSIGN(const std::size_t instances, reserve_step(input));
-  STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.truth, stream_));
+  STGS_ASSIGN(const std::uint8_t* truth, truths_.acquire(input.ground_truth, stream_));
   const std::size_t slot = next_slot_++ % kInFlight;
   STGS_TRY(pipeline_.enqueue(device_, input, truth, instances,
                              records_.on_device() + slot * ranks(), stream_));
-  STGS_TRY(truths_.release(input.truth, stream_));
+  STGS_TRY(truths_.release(input.ground_truth, stream_));
   pending_.push_back({input, slot});
   return cuda_status(cudaEventRecord(done_[slot], stream_), "marking a step");
 }
@@ -285,7 +285,7 @@ Status CudaBackend::wait_shared(std::size_t slot) {
     const cudaError_t state = cudaEventQuery(done_[slot]);
     if (state != cudaErrorNotReady) return cuda_status(state, "working on a step");
     (void)cudaGetLastError();  // not an error, but remembered as one
-    STGS_TRY(ranks_->others());
+    STGS_TRY(ranks_->check_peers());
     STGS_TRY(exchange_->check());
     std::this_thread::yield();
   }

@@ -15,8 +15,8 @@
 #include "backend/backend.h"
 #include "backend/cuda/densifier.h"
 #include "backend/cuda/device_state.h"
+#include "backend/cuda/ground_truth_cache.h"
 #include "backend/cuda/step_pipeline.h"
-#include "backend/cuda/truth_cache.h"
 
 namespace stgs::encoder::cuda {
 
@@ -46,9 +46,9 @@ class CudaBackend final : public TrainBackend {
   StepPipeline& pipeline() { return pipeline_; }
   cudaStream_t stream() const { return stream_; }
   // Largest number of tile instances of late.
-  std::size_t instances_seen() const { return instances_seen_; }
+  std::size_t max_recent_instances() const { return instances_seen_; }
   // Steps that were done again because there had been too little room.
-  std::size_t redone() const { return redone_; }
+  std::size_t retried_steps() const { return redone_; }
 
  private:
   // Steps on their way to the GPU, at most.
@@ -88,7 +88,7 @@ class CudaBackend final : public TrainBackend {
   DeviceState device_;
   StepPipeline pipeline_;
   Densifier densifier_;
-  TruthCache truths_;
+  GroundTruthCache truths_;
   PinnedArray<StepRecord> records_;  // for each slot, one a rank
   std::array<Event, kInFlight> done_;
   std::deque<Pending> pending_;  // oldest first

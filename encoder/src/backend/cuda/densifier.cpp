@@ -66,7 +66,7 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   launch_mark_alive(state.primitives(), rules, w.tile_counts, totals_.data(), stream);
   STGS_ASSIGN(DensifyTotals totals, read_totals(stream));
   DensifyCounts counts;
-  counts.broken = totals.broken;
+  counts.non_finite = totals.non_finite;
   counts.removed = before - totals.kept;
   if (counts.removed > 0) STGS_TRY(keep(state, totals.kept, w, stream));
 
@@ -112,7 +112,7 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   sum_before(w, w.tile_counts, w.tile_offsets, p.n, stream);
   launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
-  counts.broken = totals.broken;
+  counts.non_finite = totals.non_finite;
   counts.replaced = replacement_room(parameters, totals.kept, p.n - totals.kept);
   launch_replace(p, w.order, dead, static_cast<std::uint32_t>(counts.replaced),
                  {context.seed, iteration}, stream);

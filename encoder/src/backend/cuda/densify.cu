@@ -58,7 +58,7 @@ __global__ void mark_alive(const Primitives p, const DensifyRules rules, std::ui
   const bool alive = whole && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i));
   if (i < p.n) flags[i] = alive;
   add(&totals->kept, alive);
-  add(&totals->broken, i < p.n && !whole);
+  add(&totals->non_finite, i < p.n && !whole);
 }
 
 __global__ void list_flagged(std::uint32_t n, const std::uint32_t* flags, std::uint32_t wanted,

@@ -9,7 +9,7 @@ namespace stgs::encoder::cuda {
 
 // Filled by the kernels below, on the device.
 struct DensifyTotals {
-  std::uint32_t kept, broken;
+  std::uint32_t kept, non_finite;
   std::uint32_t candidates;  // that want to grow
   std::uint32_t split;       // of those chosen
 };

@@ -10,7 +10,7 @@ constexpr int kBlock = 128;
 __global__ void derive_coupled(const Primitives p) {
   const std::uint32_t i = blockIdx.x * kBlock + threadIdx.x;
   if (i >= p.n) return;
-  const math::CoupledDrawn drawn = math::coupled_drawn(load_coupled(p, i), p.tick);
+  const math::CoupledPrimitive drawn = math::coupled_primitive(load_coupled(p, i), p.tick);
   write3(p.log_scale + std::size_t{3} * i, drawn.log_scale);
   write4(p.rotation + std::size_t{4} * i, drawn.rotation);
   write3(p.u + std::size_t{3} * i, drawn.u);

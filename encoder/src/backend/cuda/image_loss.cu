@@ -240,13 +240,13 @@ __global__ void __launch_bounds__(kThreads)
 
 void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,
                        const LossWeights& weights, const Workspace& w, cudaStream_t stream) {
-  const Picture picture{w.picture, truth, colour_map, view.width, view.height};
+  const Picture picture{w.image, truth, colour_map, view.width, view.height};
   const double values = 3.0 * view.width * view.height;
   const dim3 blocks(loss_blocks_x(view), loss_blocks_y(view));
   ssim_forward<<<blocks, kThreads, 0, stream>>>(picture, w.slopes, w.error, w.ssim_sums);
   loss_gradient<<<blocks, kThreads, 0, stream>>>(
       picture, w.slopes, w.error, static_cast<float>(weights.l1 / values),
-      static_cast<float>(-weights.ssim / values), w.d_picture, w.loss_sums);
+      static_cast<float>(-weights.ssim / values), w.d_image, w.loss_sums);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -117,11 +117,11 @@ struct Workspace {
   uint2* segments = nullptr;                  // segment_count(I, T): tile and number in it, or ~0
   float4* checkpoints = nullptr;              // for each segment, 256: picture in front of it
   float* partials = nullptr;                  // I x kSums, by instance
-  float4* picture = nullptr;                  // W x H: colour, transmittance
+  float4* image = nullptr;                    // W x H: colour, transmittance
   std::uint32_t* last = nullptr;              // W x H: length of the tile's list that is drawn
   float* slopes = nullptr;                    // 9 x W x H
   float* error = nullptr;                     // W x H, 1 - SSIM
-  float4* d_picture = nullptr;                // W x H: dL/dcolour, error
+  float4* d_image = nullptr;                  // W x H: dL/dcolour, error
   float* ssim_sums = nullptr;                 // B
   float* loss_sums = nullptr;                 // kLossSums x B
   double* regulariser_sums = nullptr;         // one a block of the update
@@ -156,7 +156,7 @@ struct LossWeights {
 
 struct UpdateSettings {
   bool modulated, learn_radius, second_stage, gather_statistics;
-  math::SettleRules settle;
+  math::DampingRules damping;
   float rates[kAttributes];
   float rate_sh0;
   float weight_lifespan, weight_opacity, weight_scale;
@@ -185,8 +185,8 @@ void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Work
 void launch_blend(const View& view, const Workspace& w, cudaStream_t stream);
 // Adds to `sums`, one a primitive, its squared weights at the pixels of the view, times
 // kImportanceOne (train/importance.h). As integers, so that the order of adding does not matter.
-void launch_weigh(const View& view, unsigned long long* sums, const Workspace& w,
-                  cudaStream_t stream);
+void launch_importance(const View& view, unsigned long long* sums, const Workspace& w,
+                       cudaStream_t stream);
 // d_picture, ssim_sums and loss_sums, for the picture shown through `colour_map` (12 floats);
 // truth: W x H x 3 bytes.
 void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,

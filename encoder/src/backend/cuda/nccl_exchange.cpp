@@ -60,7 +60,7 @@ class NcclExchange final : public RankExchange {
     if (comm_ != nullptr) nccl_.destroy(comm_);
   }
   Status create(Ranks& ranks);
-  Status gather(void* blocks, std::size_t bytes, cudaStream_t stream) override {
+  Status all_gather(void* blocks, std::size_t bytes, cudaStream_t stream) override {
     const auto* own = static_cast<const std::uint8_t*>(blocks) + rank_ * bytes;
     return nccl_.status(nccl_.all_gather(own, blocks, bytes, ncclUint8, comm_, stream),
                         "gathering what the GPUs give each other");
@@ -93,7 +93,7 @@ Status check_gpus(Ranks& ranks) {
   Gpu own{};
   std::memcpy(own.uuid, &properties.uuid, sizeof(own.uuid));
   std::vector<Gpu> all(static_cast<std::size_t>(ranks.size()));
-  STGS_TRY(ranks.gather(&own, sizeof(own), all.data()));
+  STGS_TRY(ranks.all_gather(&own, sizeof(own), all.data()));
   for (std::size_t a = 0; a < all.size(); ++a) {
     for (std::size_t b = a + 1; b < all.size(); ++b) {
       if (std::memcmp(all[a].uuid, all[b].uuid, sizeof(own.uuid)) != 0) continue;
@@ -113,7 +113,7 @@ Status NcclExchange::create(Ranks& ranks) {
   ncclUniqueId own{};
   if (rank_ == 0) STGS_TRY(nccl_.status(nccl_.get_unique_id(&own), "starting"));
   std::vector<ncclUniqueId> all(static_cast<std::size_t>(ranks.size()));
-  STGS_TRY(ranks.gather(&own, sizeof(own), all.data()));
+  STGS_TRY(ranks.all_gather(&own, sizeof(own), all.data()));
   return nccl_.status(nccl_.init_rank(&comm_, ranks.size(), all[0], ranks.rank()),
                       "connecting the GPUs");
 }

@@ -76,7 +76,7 @@ __device__ void load_depths(const Surface& s, int x0, int y0, float (&depth)[kDe
     depth[q] = 0.0f;
     if (x < 0 || y < 0 || x >= s.width || y >= s.height) continue;
     const std::size_t at = static_cast<std::size_t>(y) * s.width + x;
-    depth[q] = plane_depth(plane_at(s, at), 1.0f - s.picture[at].w, ray_of(s, x, y));
+    depth[q] = plane_depth(plane_at(s, at), 1.0f - s.image[at].w, ray_of(s, x, y));
   }
 }
 
@@ -93,8 +93,7 @@ __device__ NormalTerm term_of(const Surface& s, int x, int y, const float* depth
   const Vec3 r =
       vec3_add(vec3_scale(ray_of(s, x + 1, y), right), vec3_scale(ray_of(s, x - 1, y), -left));
   const float gradient = static_cast<float>(picture_difference(s, x, y) - least) * unit;
-  return normal_term(plane_at(s, at).normal, 1.0f - s.picture[at].w, d, r,
-                     flatness_weight(gradient));
+  return normal_term(plane_at(s, at).normal, 1.0f - s.image[at].w, d, r, flatness_weight(gradient));
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -145,7 +144,7 @@ __global__ void __launch_bounds__(kThreads)
 
 void launch_normal_loss(const View& view, const std::uint8_t* truth, float weight,
                         const Workspace& w, cudaStream_t stream) {
-  const Surface s{w.surface, w.picture, truth, view.camera, view.width, view.height};
+  const Surface s{w.surface, w.image, truth, view.camera, view.width, view.height};
   const dim3 blocks(loss_blocks_x(view), loss_blocks_y(view));
   const float scale = weight / (static_cast<float>(view.width) * static_cast<float>(view.height));
   cudaMemsetAsync(w.difference_range, 0, 2 * sizeof(*w.difference_range), stream);

@@ -30,7 +30,7 @@ __global__ void __launch_bounds__(kThreads)
   const std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
   if (q >= pixels) return;
   const std::size_t at = picture_index(step, q);
-  const float4 colour = step.picture[at];
+  const float4 colour = step.image[at];
   float shown[3], truth[3];
 #pragma unroll
   for (int c = 0; c < 3; ++c) {
@@ -38,7 +38,7 @@ __global__ void __launch_bounds__(kThreads)
     const float x =
         row[0] * colour.x + row[1] * colour.y + row[2] * colour.z + step.colour_map[9 + c];
     shown[c] = (x - kMean[c]) * kInverse[c];
-    const float y = static_cast<float>(step.truth[3 * at + c]) * (1.0f / 255.0f);
+    const float y = static_cast<float>(step.ground_truth[3 * at + c]) * (1.0f / 255.0f);
     truth[c] = (y - kMean[c]) * kInverse[c];
   }
   input[q] = make_float4(shown[0], shown[1], shown[2], 0.0f);
@@ -157,14 +157,14 @@ __global__ void __launch_bounds__(kThreads)
   for (std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x; q < pixels;
        q += std::size_t{gridDim.x} * kThreads) {
     const std::size_t at = picture_index(step, q);
-    const float4 colour = step.picture[at], d = gradient[q];
+    const float4 colour = step.image[at], d = gradient[q];
     const float g[3] = {step.weight * kInverse[0] * d.x, step.weight * kInverse[1] * d.y,
                         step.weight * kInverse[2] * d.z};
-    float4 sum = step.d_picture[at];
+    float4 sum = step.d_image[at];
     sum.x += map[0] * g[0] + map[3] * g[1] + map[6] * g[2];
     sum.y += map[1] * g[0] + map[4] * g[1] + map[7] * g[2];
     sum.z += map[2] * g[0] + map[5] * g[1] + map[8] * g[2];
-    step.d_picture[at] = sum;
+    step.d_image[at] = sum;
 #pragma unroll
     for (int c = 0; c < 3; ++c) {
       by_map[3 * c] = fmaf(g[c], colour.x, by_map[3 * c]);

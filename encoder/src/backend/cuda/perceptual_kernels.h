@@ -19,13 +19,13 @@ inline constexpr int kMapGradients = 12;  // of the colour map
 
 // A step's arrays on the device; pictures are `width` pixels wide.
 struct PerceptualStep {
-  const float4* picture = nullptr;      // rendered colours
-  const std::uint8_t* truth = nullptr;  // RGB
-  const float* colour_map = nullptr;    // 12, from rendered to shown
+  const float4* image = nullptr;               // rendered colours
+  const std::uint8_t* ground_truth = nullptr;  // RGB
+  const float* colour_map = nullptr;           // 12, from rendered to shown
   int width = 0;
-  Patch patch;                  // at least kVggSmallest pixels a side
-  float weight = 0;             // of the loss in the gradients
-  float4* d_picture = nullptr;  // x, y, z: weight dL/dcolour is added to them
+  Patch patch;                // at least kVggMinSize pixels a side
+  float weight = 0;           // of the loss in the gradients
+  float4* d_image = nullptr;  // x, y, z: weight dL/dcolour is added to them
   // weight dL/d(entry k of the colour map) is added to map_sums[k * map_stride].
   float* map_sums = nullptr;
   std::size_t map_stride = 1;

@@ -17,7 +17,7 @@ class RankExchange {
   virtual ~RankExchange() = default;
   // Enqueues: block k of `blocks` (size x bytes, on the device) becomes what is rank k's own block
   // there. `bytes` is the same on every rank.
-  virtual Status gather(void* blocks, std::size_t bytes, cudaStream_t stream) = 0;
+  virtual Status all_gather(void* blocks, std::size_t bytes, cudaStream_t stream) = 0;
   // What has gone wrong meanwhile with what is enqueued.
   virtual Status check() = 0;
   // Ends what is enqueued and may wait for a rank that has failed. Nothing comes after it.

@@ -26,7 +26,7 @@ View view_of(const StepInput& input, int stored_coefficients) {
 UpdateSettings update_settings(const StepInput& input) {
   UpdateSettings settings{};
   settings.modulated = input.modulated;
-  settings.settle = input.settle;
+  settings.damping = input.damping;
   settings.learn_radius = input.learn_radius;
   settings.second_stage = input.second_stage;
   settings.gather_statistics = input.gather_statistics;
@@ -146,8 +146,8 @@ Status StepPipeline::reserve_picture(int width, int height) {
   STGS_TRY(tile_begin_.ensure(tiles_of(width, height) + 1));
   STGS_TRY(ssim_sums_.ensure(blocks));
   STGS_TRY(loss_sums_.ensure(kLossSums * blocks));
-  workspace_.picture = picture_.data();
-  workspace_.d_picture = d_picture_.data();
+  workspace_.image = picture_.data();
+  workspace_.d_image = d_picture_.data();
   workspace_.last = last_.data();
   workspace_.slopes = slopes_.data();
   workspace_.error = error_.data();
@@ -212,13 +212,13 @@ Status StepPipeline::enqueue_perceptual(const StepInput& input, const View& view
                                         const std::uint8_t* truth, const float* colour_map,
                                         cudaStream_t stream) {
   PerceptualStep step;
-  step.picture = workspace_.picture;
-  step.truth = truth;
+  step.image = workspace_.image;
+  step.ground_truth = truth;
   step.colour_map = colour_map;
   step.width = view.width;
   step.patch = input.patch;
   step.weight = input.weight_perceptual;
-  step.d_picture = workspace_.d_picture;
+  step.d_image = workspace_.d_image;
   // Those of the first block of the image loss, which come after its L1.
   step.map_stride = loss_blocks(view.width, view.height);
   step.map_sums = workspace_.loss_sums + step.map_stride;
@@ -252,7 +252,7 @@ Status StepPipeline::enqueue_shared(const DeviceState& state, const StepInput& i
   launch_contributions(primitives, view, settings, workspace_, blocks, stream);
   launch_head(view, primitives.n, weights, workspace_, blocks, stream);
   stage("contributions");
-  STGS_TRY(exchange_->gather(blocks.data, blocks.bytes, stream));
+  STGS_TRY(exchange_->all_gather(blocks.data, blocks.bytes, stream));
   stage("exchange");
   launch_apply(primitives, views, view.coefficients, settings, input.betas, blocks, stream);
   stage("update");
@@ -307,7 +307,7 @@ Result<Counters> StepPipeline::weigh(const DeviceState& state, const StepInput& 
   const View view = view_of(input, primitives.sh_coefficients);
   launch_slice(primitives, view, workspace_, stream);
   launch_bin(primitives.n, view, instances, workspace_, stream);
-  launch_weigh(view, sums, workspace_, stream);
+  launch_importance(view, sums, workspace_, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "weighing the primitives"));
   Counters counters{};
   STGS_TRY(cuda_status(cudaMemcpyAsync(&counters, counters_.data(), sizeof(Counters),

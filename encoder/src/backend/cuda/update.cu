@@ -213,9 +213,9 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   stage[kByOpacity] = d_logit;
   stage[kByTime] = -(by_motion.dt + by_visibility.dt);
   if constexpr (kCoupled) {
-    write_coupled(stage,
-                  coupled_drawn_grad(load_coupled(p, i), p.tick, log_scale, rotation,
-                                     {by_projection.covariance, d_scale, by_motion.u, d_sigma}));
+    write_coupled(
+        stage, coupled_primitive_grad(load_coupled(p, i), p.tick, log_scale, rotation,
+                                      {by_projection.covariance, d_scale, by_motion.u, d_sigma}));
   } else {
     write3(stage + kByVelocity, by_velocity);
     stage[kByLogSigma] = d_sigma * sigma;

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "backend/cuda/device.cuh"
-#include "math/settle.h"
+#include "math/damp.h"
 
 namespace stgs::encoder::cuda {
 
@@ -132,7 +132,7 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
 }
 
 // The derived u and sigma from what update_parameters left in the primitive's stage. v settles
-// first; the lifespan had the modulation `before` (math/settle.h).
+// first; the lifespan had the modulation `before` (math/damp.h).
 __device__ inline void derive(const Primitives& p, std::uint32_t i, const UpdateSettings& settings,
                               float before, const float* stage) {
   const float sigma = expf(stage[kByLogSigma]);
@@ -140,8 +140,8 @@ __device__ inline void derive(const Primitives& p, std::uint32_t i, const Update
   math::Vec3 v = read3(stage + kByVelocity, 0);
   const float radius = stage[kByRadius];
   const float lived = math::lifespan_modulation(sigma, radius);
-  v = math::settled_velocity(v, settings.modulated ? lived / before : 1.0f, sigma, radius,
-                             settings.settle);
+  v = math::damped_velocity(v, settings.modulated ? lived / before : 1.0f, sigma, radius,
+                            settings.damping);
   write3(p.values[kVelocity] + 3 * i, v);
   const float f = settings.modulated ? lived : 1.0f;
   write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});

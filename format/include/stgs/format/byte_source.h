@@ -33,16 +33,17 @@ class ByteSource {
   virtual void set_finished() {}
   // Whether bytes that were there when it was opened, or looked at last, have gone; answers at
   // once. False where that is not known. Thread-safe.
-  virtual bool has_lost_bytes() const { return false; }
+  virtual bool has_shrunk() const { return false; }
   // The same of whether a finished file was written to since set_finished().
-  virtual bool was_written() const { return false; }
+  virtual bool was_modified() const { return false; }
   // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
   // The same, but a source that waits for others gives it up (kRuntime) within half a second of
-  // `is_wanted` answering false, which it asks now and then, on this thread. That does not throw.
-  virtual Status read_while(const std::function<bool()>& is_wanted, std::uint64_t offset,
+  // `should_continue` answering false, which it asks now and then, on this thread. That does not
+  // throw.
+  virtual Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
                             std::span<std::uint8_t> out) const {
-    (void)is_wanted;
+    (void)should_continue;
     return read(offset, out);
   }
   // What messages call it: a path, or "memory".

@@ -6,7 +6,7 @@
 
 namespace stgs {
 
-inline constexpr int kMaxPictureSide = 32768;       // pixels (spec/stgs-format.md, 4.3)
+inline constexpr int kMaxImageSide = 32768;         // pixels (spec/stgs-format.md, 4.3)
 inline constexpr double kRotationTolerance = 1e-3;  // largest error of R R' - 1 (spec, 4.3)
 
 // Whether the row-major matrix has rows of unit length at right angles, and is no mirror.

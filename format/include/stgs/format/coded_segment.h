@@ -40,7 +40,7 @@ enum class Mapping : std::uint8_t {
   kRotation = 4,        // vector part of a unit quaternion in steps
   kColour = 5,          // the channels of luma and two chroma integers, in steps
   kShapedRotation = 6,  // kRotation, finer the longer the primitive is against its width
-  kMoment = 7,          // kLinear, from the beginning of the segment on
+  kTime = 7,            // kLinear, from the beginning of the segment on
 };
 // How q follows from the values v of the planes (spec 7.4).
 enum class Prediction : std::uint8_t {
@@ -53,13 +53,13 @@ enum class Prediction : std::uint8_t {
 inline constexpr std::size_t kMaxDigits = 16;
 // Exponents of steps (spec 7.5): between these no result is subnormal or infinite, and every
 // product is exact, so that decoders that flush the ones or fuse the others give the same bits.
-inline constexpr int kLeastExponent = -100, kGreatestExponent = 100;
+inline constexpr int kMinExponent = -100, kMaxExponent = 100;
 // Of a rotation's step.
-inline constexpr int kFinestRotation = -14, kCoarsestRotation = -1;
+inline constexpr int kMinRotationExponent = -14, kMaxRotationExponent = -1;
 // Of the lifespan that scales a displacement (spec 7.5.4).
-inline constexpr int kLeastLife = -32, kGreatestLife = 32;
+inline constexpr int kMinLifespanExponent = -32, kMaxLifespanExponent = 32;
 // Of the floats that kTruncated makes, bits of the greatest: 2^100.
-inline constexpr std::uint32_t kMostTruncated = 0x71800000;
+inline constexpr std::uint32_t kMaxTruncated = 0x71800000;
 
 // A step of integers, multiplier 2^exponent.
 struct Step {
@@ -70,7 +70,7 @@ struct Step {
 
 // The greatest |q| of a mapping with this multiplier: products below 2^24, and of colours below
 // 2^22, of which a channel has three.
-STGS_FN std::uint32_t most_steps(Mapping mapping, int multiplier) {
+STGS_FN std::uint32_t max_steps(Mapping mapping, int multiplier) {
   const std::uint32_t most = (1u << (mapping == Mapping::kColour ? 22 : 24)) - 1;
   return most / static_cast<std::uint32_t>(multiplier);
 }
@@ -101,13 +101,13 @@ struct CodedStream {
 };
 
 struct CodedRecord {
-  std::vector<CodedStream> streams;    // in file order
-  std::vector<std::uint8_t> bytes;     // of the rANS group; empty: there is none
-  std::vector<RansBlockPlace> blocks;  // of the group
-  std::vector<std::uint16_t> tables;   // by plane of the group
-  bool own_tables = false;             // `tables` are numbers of `lookups`, not the file's
-  std::vector<RansLookup> lookups;     // empty unless own_tables
-  std::vector<std::uint8_t> stored;    // planes that are not rANS, n symbols each
+  std::vector<CodedStream> streams;       // in file order
+  std::vector<std::uint8_t> bytes;        // of the rANS group; empty: there is none
+  std::vector<RansBlockLocation> blocks;  // of the group
+  std::vector<std::uint16_t> tables;      // by plane of the group
+  bool own_tables = false;                // `tables` are numbers of `lookups`, not the file's
+  std::vector<RansLookup> lookups;        // empty unless own_tables
+  std::vector<std::uint8_t> stored;       // planes that are not rANS, n symbols each
 };
 
 struct CodedSegment {
@@ -136,6 +136,6 @@ STGS_FN std::uint32_t compact3(std::uint64_t v) {
 }
 
 // The integer that the moments of a segment from `begin` on count from (spec 7.5.8).
-std::int64_t first_moment(double begin, Step step);
+std::int64_t time_origin(double begin, Step step);
 
 }  // namespace stgs

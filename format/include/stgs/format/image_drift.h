@@ -12,7 +12,7 @@
 namespace stgs {
 
 // Pixels over the clip that what stands still may wander, as a mean.
-inline constexpr double kStillDrift = 0.05;
+inline constexpr double kStaticDrift = 0.05;
 
 // Of the primitives whose support covers the clip (covers_clip of scene_statistics.h), each the
 // mean over the cameras that see it. A camera sees a primitive whose centre lies inside the picture
@@ -24,7 +24,7 @@ struct ImageDrift {
   double mean = 0;                 // pixels over the clip
   double opacity_weighted = 0;     // pixels, the mean with O as weight
   double median = 0;               // pixels
-  std::uint64_t within_bound = 0;  // of the primitives: at most kStillDrift
+  std::uint64_t within_bound = 0;  // of the primitives: at most kStaticDrift
 };
 
 // Times in the scene's ticks, frames 0 to metadata.frames - 1. Does not depend on the number of

@@ -35,7 +35,7 @@ Scene static_scene(Gaussians4D set);
 // What is seen at a moment, in the order of the scene: positions moved, opacities multiplied by
 // l(t), and the static lifespan. What is drawn at less than 1/255 then is left out, and so is what
 // lies in a part of another time. kUsage where the moment is not within [0, frames].
-Result<Gaussians4D> at_moment(const Scene& scene, double ticks);
+Result<Gaussians4D> snapshot_at(const Scene& scene, double ticks);
 
 // Mirrors the axes whose sign is -1: positions, velocities, rotations and harmonics. Two mirrored
 // axes are a half turn about the third. Its own inverse.
@@ -77,9 +77,9 @@ struct ConversionErrors {
   double position_max = 0, position_rms = 0;
   // Natural log and degrees, of the least turn: a writer may give the axes other names.
   double log_scale_max = 0, rotation_max = 0;
-  double opacity_max = 0;                       // 0..1
-  double colour_max = 0, colour_rms = 0;        // of the degree-0 colour, sRGB-encoded, 0..1
-  double harmonics_max = 0, harmonics_rms = 0;  // of the coefficients above degree 0
+  double opacity_max = 0;                 // 0..1
+  double colour_max = 0, colour_rms = 0;  // of the degree-0 colour, sRGB-encoded, 0..1
+  double sh_max = 0, sh_rms = 0;          // of the coefficients above degree 0
   // As LifespanError has them: 0..1, frames, frames, natural log.
   double visibility_max = 0, time_max = 0, radius_max = 0, sigma_max = 0;
 };

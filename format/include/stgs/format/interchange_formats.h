@@ -28,10 +28,10 @@ struct ImportReport {
 };
 
 struct InterchangeFormat {
-  enum Takes { kNothing, kSequence, kSplatv };
+  enum SettingsKind { kNone, kSequence, kSplatv };
 
-  const char* name;    // "SPZ"
-  const char* ending;  // of file names, lower case, with its dot; "" for folders
+  const char* name;       // "SPZ"
+  const char* extension;  // of file names, lower case, with its dot; "" for folders
   // Whether `path`, whose first bytes are `head`, holds this format; `head` is empty for a folder.
   bool (*holds)(const std::string& path, std::span<const std::uint8_t> head);
   // From bytes; null where it is only written, or read from a path.
@@ -42,20 +42,20 @@ struct InterchangeFormat {
   // Null where it is only read. Takes a static set; `notes`, which may be null, receives what was
   // changed beyond the format's precision.
   Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set, ConversionNotes* notes);
-  Takes takes = kNothing;  // which of ImportSettings reading looks at
+  SettingsKind settings_kind = kNone;  // which of ImportSettings reading looks at
 };
 
 // All of them but .stgs, in the order in which readers are tried.
 std::span<const InterchangeFormat> interchange_formats();
 // The format that a file or folder holds, by its content; null for .stgs, and for none of them.
-Result<const InterchangeFormat*> format_of_content(const std::string& path);
+Result<const InterchangeFormat*> detect_format(const std::string& path);
 // Reads a file or folder of that format; kUnsupported where it is only written.
 Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
                                const ImportSettings& settings, const ReadLimits& limits,
                                ImportReport& report);
 // The format that can be written under this name; null for none.
-const InterchangeFormat* format_to_write(const std::string& path);
+const InterchangeFormat* format_for_output(const std::string& path);
 // "a.SPZ" -> ".spz"; "" where there is none.
-std::string name_ending(const std::string& path);
+std::string file_extension(const std::string& path);
 
 }  // namespace stgs

@@ -59,7 +59,7 @@ void share(int threads, const Work& work) {
   std::mutex mutex;
   TaskRunner* const runner = task_runner();
   const auto guarded = [&] {
-    const UseTaskRunner inside(runner);
+    const ScopedTaskRunner inside(runner);
     try {
       work();
     } catch (...) {

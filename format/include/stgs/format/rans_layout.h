@@ -33,7 +33,7 @@ constexpr std::size_t rans_lanes(std::size_t count) {
 using RansLookup = std::array<std::uint32_t, kRansTotal>;
 
 // Where a block lies in its group's bytes.
-struct RansBlockPlace {
+struct RansBlockLocation {
   std::uint64_t states = 0;  // offset of its first state
   std::uint32_t words = 0;   // that follow its states
 };
@@ -41,6 +41,7 @@ struct RansBlockPlace {
 // Finds the blocks of a group of n primitives. After it, nothing that a decoder reads lies outside
 // of `bytes`, and all states are possible ones (spec A.4); an error (kInvalidFile) otherwise.
 // Allocates no more than twice the size of `bytes`.
-Result<std::vector<RansBlockPlace>> rans_layout(std::span<const std::uint8_t> bytes, std::size_t n);
+Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
+                                                   std::size_t n);
 
 }  // namespace stgs

@@ -69,8 +69,8 @@ struct SceneMetadata {
   std::string title;
   // Where the scene's sound is, a URI reference that is relative to the file's own place (RFC
   // 3986); empty: there is none. It begins at this moment, ticks. Nothing here fetches it.
-  std::string sound;
-  double sound_begin = 0;
+  std::string audio;
+  double audio_begin = 0;
   // Numbers of later versions that may be shown as 0 (spec 4.2), kept for whoever knows them.
   std::uint8_t kernel = 0, colour = 0, harmonics = 0;
   std::optional<CaptureWindow> window;
@@ -93,10 +93,10 @@ struct ScenePart {
   std::optional<TickRange> cut =
       {};  // what of [begin, end) is shown, from 0 on, where that is not all
 
-  TickRange shown() const { return cut.value_or(TickRange{begin_ticks, end_ticks}); }
+  TickRange shown_range() const { return cut.value_or(TickRange{begin_ticks, end_ticks}); }
   // Whether its primitives are drawn at a moment of a timeline of so many frames.
   bool shows(double ticks, std::uint32_t frames) const {
-    const TickRange moments = shown();
+    const TickRange moments = shown_range();
     return ticks >= moments.begin &&
            (ticks < moments.end || (moments.end >= frames && ticks <= frames));
   }
@@ -130,21 +130,21 @@ struct SegmentInfo {
   std::uint32_t part = 0;               // of SceneReader::parts()
   int tier = 0;
   // The harmonics above degree 0, where they can be fetched apart; else 0 bytes.
-  std::uint64_t harmonics_offset = 0, harmonics_bytes = 0;
+  std::uint64_t sh_offset = 0, sh_bytes = 0;
   // False: beyond the end of a file that is truncated. Where there are no harmonics of their own
   // these are there.
-  bool there = true, harmonics_there = true;
+  bool available = true, sh_available = true;
 
-  bool shown() const { return begin_ticks < end_ticks; }
+  bool is_shown() const { return begin_ticks < end_ticks; }
 };
 
 // A stretch of a recording that no fragment of its index lists any more, since the one that did is
 // damaged (spec 5.12).
-struct LostStretch {
+struct LostFragment {
   // At which what it holds is first seen, ticks; begin == end: it is not known up to when.
-  TickRange moments;
+  TickRange range;
   std::uint64_t offset = 0, bytes = 0;  // in the file
-  bool operator==(const LostStretch&) const = default;
+  bool operator==(const LostFragment&) const = default;
 };
 
 // How a file is laid out (spec 2.4).
@@ -203,7 +203,7 @@ class SceneReader {
   // Bytes that a finished file has too few.
   virtual std::uint64_t missing_bytes() const = 0;
   // Of a recording, ascending; damage() tells of each.
-  virtual const std::vector<LostStretch>& lost_stretches() const = 0;
+  virtual const std::vector<LostFragment>& lost_fragments() const = 0;
   // Where the first segment begins that is not there, not with its harmonics, or in a lost stretch,
   // ticks; the duration where all are.
   virtual double complete_ticks() const = 0;
@@ -228,7 +228,7 @@ class SceneReader {
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
   // What is sound of a segment (spec 5.7): where only its harmonics are damaged, missing or of a
   // later version they are 0, and `lost` says why; else `lost` is ok.
-  Result<Gaussians4D> decode_sound(std::uint32_t segment, Status& lost) const;
+  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& lost) const;
   // The same segment as stored, for a decoder on another device. Its checksum is checked, but not
   // that of the planes, which are not decoded here.
   virtual Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const = 0;
@@ -269,7 +269,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
 // encode_scene, then write_file_atomically.
 Status write_scene(const std::string& path, const Scene& scene, const WriteSettings& settings);
 // All segments of a file, in which no record is damaged; primitives in file order. Of what
-// SceneReader::damage() tells it says nothing: read_sound_scene (scene_losses.h) does.
+// SceneReader::damage() tells it says nothing: recover_scene (damage_report.h) does.
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits = {});
 

@@ -8,8 +8,8 @@
 #include <span>
 #include <string>
 
+#include "stgs/format/damage_report.h"
 #include "stgs/format/scene_file.h"
-#include "stgs/format/scene_losses.h"
 
 namespace stgs {
 
@@ -76,6 +76,6 @@ class SceneRecorder {
 // `output` appears whole or not at all. Errors: kUsage where the file is finished and sound,
 // kInvalidFile where it has primitives and none can be read.
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
-                      SceneLosses& losses);
+                      DamageReport& losses);
 
 }  // namespace stgs

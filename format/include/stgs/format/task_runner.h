@@ -19,12 +19,12 @@ class TaskRunner {
 TaskRunner* task_runner();
 
 // Makes one the thread's while it lives; null: none.
-class UseTaskRunner {
+class ScopedTaskRunner {
  public:
-  explicit UseTaskRunner(TaskRunner* runner);
-  ~UseTaskRunner();
-  UseTaskRunner(const UseTaskRunner&) = delete;
-  UseTaskRunner& operator=(const UseTaskRunner&) = delete;
+  explicit ScopedTaskRunner(TaskRunner* runner);
+  ~ScopedTaskRunner();
+  ScopedTaskRunner(const ScopedTaskRunner&) = delete;
+  ScopedTaskRunner& operator=(const ScopedTaskRunner&) = delete;
 
  private:
   TaskRunner* const before_;

@@ -25,10 +25,10 @@ struct PlayerEvent {
     kResumed,    // it goes on after kBuffering
     kLooped,
     kEnded,
-    kLayers,   // the number of layers at the moment has changed
-    kRetry,    // a transfer failed and is tried again
-    kLost,     // a piece could not be read; it is tried again later
-    kDamaged,  // a piece is not what was written; the picture lacks it
+    kLayers,      // the number of layers at the moment has changed
+    kRetry,       // a transfer failed and is tried again
+    kReadFailed,  // a piece could not be read; it is tried again later
+    kDamaged,     // a piece is not what was written; the picture lacks it
     // The file is another one now, or has lost what it had: what has not come will not, as long as
     // it is so. Told once, and again where it has been right meanwhile.
     kReplaced,
@@ -52,7 +52,7 @@ struct LiveSettings {
   bool follow = true;  // false: what there is when it is opened is a clip like any other
   // How far behind the edge play is, seconds; further where stretches are longer, or come too
   // unevenly, for that without play standing still: 0 is as near as they let it be.
-  double behind_seconds = 1;
+  double latency_seconds = 1;
   // Between looks whether there is more, about when it is due; less than 0.01 counts as that. Up to
   // 2 s where it does not come.
   double poll_seconds = 0.05;
@@ -64,18 +64,18 @@ struct LiveSettings {
 
 struct PlayerSettings {
   std::uint64_t memory_budget = kDefaultMemoryBudget;  // bytes, of what is fetched and decoded
-  double ahead_seconds = 10;    // of what is fetched before it is needed, at the rate of play
-  double resume_seconds = 0.3;  // that must be there before play goes on after it has stood still
+  double prefetch_seconds = 10;  // of what is fetched before it is needed, at the rate of play
+  double resume_seconds = 0.3;   // that must be there before play goes on after it has stood still
   // A layer's worth: how much further ahead a layer is fetched than the next.
-  double layer_patience_seconds = 1;
+  double layer_lead_seconds = 1;
   // Until what could not be read is tried again; after each failure twice as long, as far as 10 s.
   double retry_seconds = 1;
-  int fetches = 4;  // at once
+  int max_reads_in_flight = 4;  // at once
   LiveSettings live;
   HttpSettings http;  // of a URL
   // Told what transfers meet with while a URL is opened, by its threads, one at a time. Not set:
   // take_events() tells it once the file is open.
-  std::function<void(const PlayerEvent&)> on_opening;
+  std::function<void(const PlayerEvent&)> on_opening_event;
   ReadLimits limits;  // of the file
   // Of the file when it is opened; a larger one is refused before anything of it is read.
   std::uint64_t max_file_bytes = std::numeric_limits<std::int64_t>::max();
@@ -88,8 +88,8 @@ struct PlayerSettings {
 inline constexpr double kMinRate = -2, kMaxRate = 4;
 // Seconds between calls of Player::advance() that a moment follows; a longer step counts as one of
 // these, so that play goes on from where it was after the caller has stood still.
-inline constexpr double kLongestStep = 0.25;
-inline constexpr std::size_t kMostEvents = 1024;  // that are kept until they are taken
+inline constexpr double kMaxStepSeconds = 0.25;
+inline constexpr std::size_t kMaxEvents = 1024;  // that are kept until they are taken
 
 enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
 
@@ -108,8 +108,8 @@ struct LiveState {
   double edge_seconds = 0;  // the end of what is recorded, as far as is known
   // How far the moment is behind the edge, which is taken to move on steadily between what comes:
   // what a viewer is late by.
-  double behind_seconds = 0;
-  double wanted_seconds = 0;  // how far it is to be
+  double latency_seconds = 0;
+  double target_latency_seconds = 0;  // how far it is to be
 };
 
 struct StreamStatistics {
@@ -128,15 +128,15 @@ struct StreamStatistics {
 // Fetching and decoding have threads of their own, which the destructor ends.
 class Player {
  public:
-  // `place`: a path or a URL. Reads the head of the file. Errors: open_place's,
+  // `place`: a path or a URL. Reads the head of the file. Errors: open_location's,
   // SceneReader::open's, settings out of range (kUsage), a file that is too large (kLimit).
   static Result<std::unique_ptr<Player>> open(const std::string& place,
                                               const PlayerSettings& settings = {});
   // The same of a source that is already open, which may answer as late as it likes. `interrupt`,
   // where given, must make its reads fail at once: the destructor calls it.
-  static Result<std::unique_ptr<Player>> over(std::unique_ptr<ByteSource> source,
-                                              const PlayerSettings& settings = {},
-                                              std::function<void()> interrupt = {});
+  static Result<std::unique_ptr<Player>> from_source(std::unique_ptr<ByteSource> source,
+                                                     const PlayerSettings& settings = {},
+                                                     std::function<void()> interrupt = {});
   virtual ~Player() = default;
 
   // What there is of the moment, without waiting: Timeline::at leaves out what has not come. As
@@ -159,9 +159,9 @@ class Player {
   virtual void go_live() = 0;
   virtual LiveState live() const = 0;
 
-  // The moment to draw at `now`, seconds of any clock that never goes back, kLongestStep on at most
-  // (times the rate). The moment stands still where the base of the next has not come, and jumps
-  // only where it is told to.
+  // The moment to draw at `now`, seconds of any clock that never goes back, kMaxStepSeconds on at
+  // most (times the rate). The moment stands still where the base of the next has not come, and
+  // jumps only where it is told to.
   virtual double advance(double now) = 0;
 
   virtual PlayerState state() const = 0;
@@ -171,14 +171,14 @@ class Player {
   // Layers that are there at the moment, and those that the file has: the tiers of its segments,
   // then their harmonics.
   virtual int layers() const = 0;
-  virtual int layers_of_file() const = 0;
+  virtual int layer_count() const = 0;
   // Whether nothing more of the moment is coming: what layers() lacks of it is damaged, was lost
   // and is yet to be tried again, or has no room in the memory budget.
-  virtual bool settled() const = 0;
+  virtual bool is_complete() const = 0;
   // Where play does not have to wait: the base is there, or could not be had.
   virtual std::vector<TimeRange> buffered() const = 0;
   virtual StreamStatistics statistics() const = 0;
-  // What has happened since the last call, in order; the last kMostEvents of it.
+  // What has happened since the last call, in order; the last kMaxEvents of it.
   virtual std::vector<PlayerEvent> take_events() = 0;
 };
 

@@ -27,11 +27,11 @@ struct Frame {
 // A backend on a device tells the device's times of slice, bin and blend.
 struct RenderStats {
   std::size_t stored = 0;  // primitives decoded and held; once a call
-  std::size_t alive = 0;   // candidates at this moment; once a call
-  std::size_t drawn = 0;   // splats in view
+  std::size_t active = 0;  // candidates at this moment; once a call
+  std::size_t splats = 0;  // splats in view
   // Primitives of the moment that are decoded, and that the device gets with later pictures
   // (Timeline::is_playing): these, or a better version of them, are not drawn. Once a call.
-  std::size_t waiting = 0;
+  std::size_t pending = 0;
   double fetch_ms = 0;  // finding and decoding what is alive; once a call
   double slice_ms = 0, bin_ms = 0, blend_ms = 0;
   double device_ms = 0;  // of a device, from the first to the last of it; 0 where there is none
@@ -58,7 +58,7 @@ struct CudaPlane {
   std::size_t stride = 0;  // bytes from row to row
 };
 // Of a view. All strides and addresses are multiples of 4.
-struct CudaPicture {
+struct CudaImage {
   CudaPlane rgba8;      // 4 bytes a pixel: colour and alpha
   CudaPlane planes[5];  // floats: red, green, blue, alpha, depth
 };
@@ -91,7 +91,7 @@ class Renderer {
   // (cudaStream_t; null: the default one) and without waiting for that; the next draw() and the
   // destructor do. kUnsupported where the backend does not draw with CUDA, kUsage where the number
   // is not that of the views.
-  virtual Status read_cuda(const std::vector<CudaPicture>& to, CUstream_st* stream) {
+  virtual Status read_cuda(const std::vector<CudaImage>& to, CUstream_st* stream) {
     (void)to, (void)stream;
     return unsupported("backend '{}' does not draw with CUDA", name());
   }

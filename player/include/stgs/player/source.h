@@ -27,14 +27,13 @@ struct TransferEvent {
 };
 
 struct HttpSettings {
-  int connections = 4;          // at once at most, kept alive; reads beyond wait for one
+  int max_connections = 4;      // at once at most, kept alive; reads beyond wait for one
   double connect_seconds = 10;  // to a connection, else the try has failed
   // Without a byte, or with less than 100 a second of them, after which the try has failed; less
   // than 0.1 counts as that.
   double stall_seconds = 10;
-  int tries = 5;  // in a row that bring nothing, or too slowly; then the read fails
-  double back_off_seconds =
-      0.2;  // before the second try; twice as long before each next, up to 5 s
+  int max_attempts = 5;          // in a row that bring nothing, or too slowly; then the read fails
+  double backoff_seconds = 0.2;  // before the second try; twice as long before each next, up to 5 s
   std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
   std::function<void(const TransferEvent&)> on_event;
   // Ends reads that are under way, and all later ones, at once (kRuntime).
@@ -65,7 +64,7 @@ bool is_http_built();
 bool is_url(const std::string& place);
 
 // The place for messages: a URL without who asks, and without a query, which may be a key.
-std::string shown_place(const std::string& place);
+std::string display_location(const std::string& place);
 
 // Errors: kIo where there is no answer or no such file, kUnsupported where the server does not
 // answer ranges, kNotBuilt without libcurl. Follows redirections; proxies are those of the
@@ -74,7 +73,7 @@ Result<std::unique_ptr<HttpSource>> open_url(const std::string& url,
                                              const HttpSettings& settings = {});
 
 // open_url or open_file. Another kind of URL is an error (kUsage).
-Result<std::unique_ptr<ByteSource>> open_place(const std::string& place,
-                                               const HttpSettings& settings = {});
+Result<std::unique_ptr<ByteSource>> open_location(const std::string& place,
+                                                  const HttpSettings& settings = {});
 
 }  // namespace stgs::player

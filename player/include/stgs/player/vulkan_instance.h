@@ -30,7 +30,7 @@ struct VulkanInstance {
 
 // Which of several devices draws: of the highest rank, > 0, the first. A discrete GPU comes before
 // others, and all of them before drivers of the processor.
-inline int vulkan_rank(VkPhysicalDeviceType type) {
+inline int vulkan_device_rank(VkPhysicalDeviceType type) {
   if (type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
   return type == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
 }

@@ -49,8 +49,8 @@ struct VulkanImage {
   VkFormat format = VK_FORMAT_UNDEFINED;
   std::uint32_t width = 0, height = 0;  // of the level, pixels: the view's
   std::uint32_t level = 0, layer = 0;
-  VkImageLayout before = VK_IMAGE_LAYOUT_UNDEFINED;  // in which it is given
-  VkImageLayout after = VK_IMAGE_LAYOUT_GENERAL;     // in which it is left
+  VkImageLayout initial_layout = VK_IMAGE_LAYOUT_UNDEFINED;  // in which it is given
+  VkImageLayout final_layout = VK_IMAGE_LAYOUT_GENERAL;      // in which it is left
 };
 
 struct VulkanTarget {
@@ -76,7 +76,7 @@ struct VulkanFrame {
   std::uint64_t number = 0;  // submit()'s; 0: none has ended
   // False where it had more splats in tiles than room was known to be needed: it lacks the farthest
   // ones. The frames after it have the room, within what the device can hold.
-  bool whole = true;
+  bool complete = true;
   RenderStats stats;
 };
 
@@ -85,11 +85,11 @@ struct VulkanFrame {
 class VulkanRenderer : public Renderer {
  public:
   // Frames on their way at most; one more waits until the oldest has ended.
-  static constexpr std::size_t kFramesOnTheWay = 3;
+  static constexpr std::size_t kMaxFramesInFlight = 3;
 
   // Draws 1 to kMaxViews views of a moment into the images of `to` and gives the frame's number,
   // from 1 on, without waiting for it and without bringing pictures to the host: read() has none
-  // afterwards. It does wait for earlier frames where there are kFramesOnTheWay, where buffers
+  // afterwards. It does wait for earlier frames where there are kMaxFramesInFlight, where buffers
   // grow, and where much is sent first: what their semaphores wait for must be signalled without
   // this thread. Images and semaphores are the caller's and must last until the frame has ended.
   // Errors: those of draw(), of a target or a semaphore (kUsage), and what the device cannot do
@@ -98,7 +98,7 @@ class VulkanRenderer : public Renderer {
                                        const std::vector<View>& views,
                                        const VulkanSubmission& to) = 0;
   // The latest frame that has ended, without waiting.
-  virtual Result<VulkanFrame> last_ended() = 0;
+  virtual Result<VulkanFrame> last_completed() = 0;
   // Waits until all frames have ended, and so for the semaphores that they wait for. The destructor
   // does.
   virtual Status wait() = 0;
@@ -106,7 +106,7 @@ class VulkanRenderer : public Renderer {
 
 // What a physical device is good for, before a device of it is made.
 struct VulkanSupport {
-  std::string lacks;  // what it cannot be drawn with for; empty: nothing
+  std::string missing_features;  // what it cannot be drawn with for; empty: nothing
   // What a device can be made with, by its version or an extension.
   bool timeline_semaphores = false;
   bool subgroup_size_control = false;  // with computeFullSubgroups

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "stgs/format/output_file.h"
-#include "stgs/format/output_place.h"
+#include "stgs/format/output_path.h"
 #include "stgs/format/status.h"
 
 namespace stgs::tools {

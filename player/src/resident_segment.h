@@ -16,11 +16,11 @@ namespace stgs::player {
 // With the support of each primitive, [begin, end] in ticks of its part. Scanning all supports of
 // the segments alive is proportional to what is alive: a lifespan segment holds only primitives
 // that live for a good part of its span.
-struct HeldSegment {
-  HeldSegment() = default;
+struct ResidentSegment {
+  ResidentSegment() = default;
   // `memory`, where given, is who owns what `decoded` was allocated from.
-  explicit HeldSegment(Gaussians4D decoded,
-                       std::shared_ptr<std::pmr::memory_resource> memory = nullptr);
+  explicit ResidentSegment(Gaussians4D decoded,
+                           std::shared_ptr<std::pmr::memory_resource> memory = nullptr);
 
   // Every primitive whose opacity at a moment of the part reaches the drawing threshold (a rounding
   // error's width beyond included), ascending.
@@ -32,7 +32,7 @@ struct HeldSegment {
 };
 
 // Bytes that a segment of n primitives takes once decoded, a list of candidates included.
-std::uint64_t held_bytes(std::uint64_t n, int sh_degree);
+std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree);
 
 // Of a moment whose segments, decoded, are more bytes together than the budget.
 Status over_budget(const std::string& name, double seconds, std::uint64_t together,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "output_place.h"
+#include "output_path.h"
 
 #include <unistd.h>
 

@@ -10,10 +10,10 @@ namespace stgs::encoder {
 // that fails too none, which pack makes up for by sizes: each with a warning, as nothing that was
 // trained may be lost to it. Nothing where `go_on` answers false; what that throws goes on. After
 // the last step.
-std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainBackend& spare,
-                                                   TrainState& state,
-                                                   std::span<const ImportanceView> views,
-                                                   const std::function<bool(double)>& go_on,
-                                                   const LogSink& log);
+std::optional<std::vector<float>> compute_importance(TrainBackend& backend, TrainBackend& spare,
+                                                     TrainState& state,
+                                                     std::span<const ImportanceView> views,
+                                                     const std::function<bool(double)>& go_on,
+                                                     const LogSink& log);
 
 }  // namespace stgs::encoder

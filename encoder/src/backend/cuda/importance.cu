@@ -60,8 +60,8 @@ __global__ void __launch_bounds__(kWarps * 32)
 
 }  // namespace
 
-void launch_weigh(const View& view, unsigned long long* sums, const Workspace& w,
-                  cudaStream_t stream) {
+void launch_importance(const View& view, unsigned long long* sums, const Workspace& w,
+                       cudaStream_t stream) {
   weigh<<<dim3(view.tiles_x, view.tiles_y), kWarps * 32, 0, stream>>>(view, w, sums);
 }
 

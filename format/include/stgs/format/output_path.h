@@ -17,11 +17,11 @@ Status check_can_write(const std::string& path);
 std::vector<std::string> remove_stale_files(const std::string& path);
 
 // A path that an option or a setting gives, or that follows from one; both for messages.
-struct NamedPlace {
+struct NamedPath {
   std::string option, path;
 };
 // kUsage where two of them are one file or folder, whatever links and dots are in the way. Those
 // with an empty path do not count.
-Status check_distinct(const std::vector<NamedPlace>& places);
+Status check_distinct(const std::vector<NamedPath>& places);
 
 }  // namespace stgs

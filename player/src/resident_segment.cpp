@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "held_segment.h"
+#include "resident_segment.h"
 
 #include <cmath>
 #include <utility>
@@ -10,7 +10,8 @@
 
 namespace stgs::player {
 
-HeldSegment::HeldSegment(Gaussians4D decoded, std::shared_ptr<std::pmr::memory_resource> memory)
+ResidentSegment::ResidentSegment(Gaussians4D decoded,
+                                 std::shared_ptr<std::pmr::memory_resource> memory)
     : owner(std::move(memory)),
       set(std::move(decoded)),
       begin(set.time.get_allocator()),
@@ -29,7 +30,7 @@ HeldSegment::HeldSegment(Gaussians4D decoded, std::shared_ptr<std::pmr::memory_r
   });
 }
 
-void HeldSegment::find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const {
+void ResidentSegment::find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const {
   candidates.resize(begin.size());
   std::size_t n = 0;
   for (std::size_t i = 0; i < begin.size(); ++i) {
@@ -39,7 +40,7 @@ void HeldSegment::find_candidates(float ticks, std::vector<std::uint32_t>& candi
   candidates.resize(n);
 }
 
-std::uint64_t held_bytes(std::uint64_t n, int sh_degree) {
+std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree) {
   const auto coefficients = static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
   const std::uint64_t floats = 3 + 3 + 4 + 1 + 3 * coefficients + 1 + 3 + 1 + 1;
   return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));

@@ -14,17 +14,17 @@
 
 namespace stgs::encoder::cuda {
 
-class TruthCache {
+class GroundTruthCache {
  public:
-  ~TruthCache() { (void)give_back(); }
+  ~GroundTruthCache() { (void)give_back(); }
 
   // Keeps at most `budget` bytes on the device, but always room for a few pictures; forgets those
   // that it has.
   Status create(std::size_t budget);
   // The picture's bytes on the device, for work that is enqueued on `stream` before release().
   // The pixels on the host are not needed any more when this returns.
-  Result<const std::uint8_t*> acquire(const Picture& picture, cudaStream_t stream);
-  Status release(const Picture& picture, cudaStream_t stream);
+  Result<const std::uint8_t*> acquire(const TrainingImage& picture, cudaStream_t stream);
+  Status release(const TrainingImage& picture, cudaStream_t stream);
   // Forgets all pictures, of which none may be in use.
   void clear();
   // The same, and what they took is the device's again: others find more room after it.
@@ -45,7 +45,7 @@ class TruthCache {
     bool busy = false;
   };
 
-  Status find(const Picture& picture, Entry*& entry);
+  Status find(const TrainingImage& picture, Entry*& entry);
   Status make_room(std::size_t bytes, std::uint64_t now);
   Status evict(std::uint64_t id);
   Status allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory);

@@ -8,27 +8,27 @@ namespace stgs::player {
 
 // Often about when the next stretch is due, rarely where none comes. Seconds of a clock that never
 // goes back. Not thread-safe.
-class PollPace {
+class PollInterval {
  public:
-  static constexpr double kShortest = 0.01, kLongest = 2;  // seconds between looks
+  static constexpr double kMinSeconds = 0.01, kMaxSeconds = 2;  // seconds between looks
 
-  PollPace(double shortest, double now)
-      : shortest_(std::clamp(shortest, kShortest, kLongest)), wait_(0), grown_(now) {}
+  PollInterval(double shortest, double now)
+      : shortest_(std::clamp(shortest, kMinSeconds, kMaxSeconds)), wait_(0), grown_(now) {}
 
   // Seconds from the last look to the next.
-  double wait() const { return wait_; }
+  double seconds() const { return wait_; }
   // How long nothing has come.
-  double idle_for(double now) const { return now - grown_; }
+  double idle_seconds(double now) const { return now - grown_; }
   // What the look at `now` found.
-  void found(bool grown, double now) {
+  void update(bool grown, double now) {
     if (grown) {
       between_ = looked_ ? now - grown_ : 0;
       grown_ = now;
-      wait_ = std::clamp(between_ / 2, shortest_, kLongest);
-    } else if (idle_for(now) <= std::max(2 * between_, 1.0)) {
+      wait_ = std::clamp(between_ / 2, shortest_, kMaxSeconds);
+    } else if (idle_seconds(now) <= std::max(2 * between_, 1.0)) {
       wait_ = shortest_;
     } else {
-      wait_ = std::min(std::max(2 * wait_, shortest_), kLongest);
+      wait_ = std::min(std::max(2 * wait_, shortest_), kMaxSeconds);
     }
     looked_ = true;
   }

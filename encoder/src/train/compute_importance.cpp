@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "train/weigh.h"
+#include "train/compute_importance.h"
 
 #include <fmt/format.h>
 
@@ -24,10 +24,10 @@ Weighed weigh(TrainBackend& backend, TrainState& state, std::span<const Importan
 
 }  // namespace
 
-std::optional<std::vector<float>> weigh_primitives(TrainBackend& backend, TrainBackend& spare,
-                                                   TrainState& state,
-                                                   std::span<const ImportanceView> views,
-                                                   const GoOn& go_on, const LogSink& log) {
+std::optional<std::vector<float>> compute_importance(TrainBackend& backend, TrainBackend& spare,
+                                                     TrainState& state,
+                                                     std::span<const ImportanceView> views,
+                                                     const GoOn& go_on, const LogSink& log) {
   std::exception_ptr thrown;
   const GoOn asked = [&](double done) {
     try {

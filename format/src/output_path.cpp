@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "stgs/format/output_place.h"
+#include "stgs/format/output_path.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -54,7 +54,7 @@ Status check_can_write(const std::string& path) {
   return {};
 }
 
-Status check_distinct(const std::vector<NamedPlace>& places) {
+Status check_distinct(const std::vector<NamedPath>& places) {
   const auto same = [](const std::string& a, const std::string& b) {
     std::error_code error;  // a path that cannot be looked at is told of where it is opened
     if (fs::equivalent(a, b, error)) return true;

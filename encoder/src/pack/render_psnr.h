@@ -8,13 +8,13 @@
 
 namespace stgs::encoder {
 
-inline constexpr int kLossPictures = 8;
+inline constexpr int kPsnrImages = 8;
 
 // How far the pictures of `packed` are from those of `scene`: PSNR of the mean squared error over
-// kLossPictures pictures of values in [0,1], dB, kPsnrMax at most; half of them of the start
+// kPsnrImages pictures of values in [0,1], dB, kPsnrMax at most; half of them of the start
 // camera, spread over time, half of cameras that have gone around what it looks at by a few
 // degrees. Nothing where there is no start camera. Larger ones are drawn with at most 1280 pixels
 // a side. Uses all threads; throws std::length_error as bin() does.
-std::optional<double> picture_loss(const Scene& scene, const Scene& packed);
+std::optional<double> render_psnr(const Scene& scene, const Scene& packed);
 
 }  // namespace stgs::encoder

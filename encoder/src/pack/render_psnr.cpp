@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "pack/picture_loss.h"
+#include "pack/render_psnr.h"
 
 #include <algorithm>
 #include <cmath>
@@ -78,15 +78,15 @@ math::PinholeCamera gone_around(math::PinholeCamera camera, float yaw, float pit
 
 }  // namespace
 
-std::optional<double> picture_loss(const Scene& scene, const Scene& packed) {
+std::optional<double> render_psnr(const Scene& scene, const Scene& packed) {
   const SceneMetadata& metadata = scene.metadata;
   if (!metadata.start_camera) return std::nullopt;
   const auto start = at_most(pinhole_of(*metadata.start_camera, metadata.near_plane), kLargestSide);
   Sketch before, after;
   float depth = 0.0f;
   double error = 0.0;
-  for (int i = 0; i < kLossPictures; ++i) {
-    const double moment = (i + 0.5) / kLossPictures * scene.metadata.frames;
+  for (int i = 0; i < kPsnrImages; ++i) {
+    const double moment = (i + 0.5) / kPsnrImages * scene.metadata.frames;
     const double t = std::floor(moment);
     const float side = (i / 2) % 2 == 0 ? 1.0f : -1.0f;
     const bool around = i % 2 == 1;
@@ -95,7 +95,7 @@ std::optional<double> picture_loss(const Scene& scene, const Scene& packed) {
     draw(scene, t, camera, before);
     if (!around) depth = depth_in_view(before.output, start.near_plane);
     draw(packed, t, camera, after);
-    error += mean_squared_error(before.output.colour, after.output.colour) / kLossPictures;
+    error += mean_squared_error(before.output.colour, after.output.colour) / kPsnrImages;
   }
   return psnr_of(error);
 }

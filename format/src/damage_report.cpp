@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "stgs/format/scene_losses.h"
+#include "stgs/format/damage_report.h"
 
 #include <algorithm>
 
@@ -23,40 +23,40 @@ std::string seconds_text(const std::vector<TickRange>& moments, const TimeBase& 
   return text.empty() ? "never" : text;
 }
 
-std::string stretch_text(const LostStretch& stretch, const TimeBase& time_base) {
-  const bool known = stretch.moments.begin < stretch.moments.end;
-  return fmt::format(
-      "what is first seen {} is lost with a damaged fragment of the index: {} bytes",
-      known ? "at " + seconds_text(stretch.moments, time_base)
-            : fmt::format("from {:.3f} s on", time_base.seconds(stretch.moments.begin)),
-      stretch.bytes);
+std::string stretch_text(const LostFragment& stretch, const TimeBase& time_base) {
+  const bool known = stretch.range.begin < stretch.range.end;
+  return fmt::format("what is first seen {} is lost with a damaged fragment of the index: {} bytes",
+                     known
+                         ? "at " + seconds_text(stretch.range, time_base)
+                         : fmt::format("from {:.3f} s on", time_base.seconds(stretch.range.begin)),
+                     stretch.bytes);
 }
 
-std::string records_text(const SceneLosses& losses, const TimeBase& time_base) {
+std::string records_text(const DamageReport& losses, const TimeBase& time_base) {
   std::string text;
   const auto add = [&text](std::string part) { text += (text.empty() ? "" : ", ") + part; };
   if (losses.segments > 0) {
-    add(fmt::format("{} of {} segments with {} primitives", losses.segments, losses.of_segments,
+    add(fmt::format("{} of {} segments with {} primitives", losses.segments, losses.total_segments,
                     losses.primitives));
   }
-  if (losses.harmonics > 0) {
-    add(fmt::format("the harmonics alone of {} of {} segments", losses.harmonics,
-                    losses.of_segments));
+  if (losses.segments_without_sh > 0) {
+    add(fmt::format("the harmonics alone of {} of {} segments", losses.segments_without_sh,
+                    losses.total_segments));
   }
   if (losses.further > 0) add(fmt::format("{} records of timed data", losses.further));
   return fmt::format("cannot be read: {}; {} bytes, of {}; the first: {}", text, losses.bytes,
-                     seconds_text(losses.moments, time_base), losses.reason.message());
+                     seconds_text(losses.ranges, time_base), losses.reason.message());
 }
 
 }  // namespace
 
-std::vector<std::string> losses_text(const SceneLosses& losses, const TimeBase& time_base) {
+std::vector<std::string> describe_damage(const DamageReport& losses, const TimeBase& time_base) {
   std::vector<std::string> lines;
   for (const Issue& issue : losses.damage) {
     lines.push_back(
         fmt::format("{} (byte {}, issue {})", issue.message, issue.offset, issue.number));
   }
-  for (const LostStretch& stretch : losses.lost_stretches) {
+  for (const LostFragment& stretch : losses.lost_fragments) {
     lines.push_back(stretch_text(stretch, time_base));
   }
   if (losses.incomplete_bytes > 0) {

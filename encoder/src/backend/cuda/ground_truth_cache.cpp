@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "backend/cuda/truth_cache.h"
+#include "backend/cuda/ground_truth_cache.h"
 
 #include <cstring>
 #include <iterator>
@@ -17,7 +17,7 @@ Status default_pool(cudaMemPool_t& pool) {
 
 }  // namespace
 
-Status TruthCache::create(std::size_t budget) {
+Status GroundTruthCache::create(std::size_t budget) {
   clear();
   budget_ = budget;
   // Memory that pictures have left stays with the process for the next ones.
@@ -30,7 +30,8 @@ Status TruthCache::create(std::size_t budget) {
   return copies_.create();
 }
 
-Result<const std::uint8_t*> TruthCache::acquire(const Picture& picture, cudaStream_t stream) {
+Result<const std::uint8_t*> GroundTruthCache::acquire(const TrainingImage& picture,
+                                                      cudaStream_t stream) {
   Entry* entry = nullptr;
   STGS_TRY(find(picture, entry));
   if (!entry->waited) {
@@ -40,14 +41,14 @@ Result<const std::uint8_t*> TruthCache::acquire(const Picture& picture, cudaStre
   return static_cast<const std::uint8_t*>(entry->memory);
 }
 
-Status TruthCache::release(const Picture& picture, cudaStream_t stream) {
+Status GroundTruthCache::release(const TrainingImage& picture, cudaStream_t stream) {
   const auto found = entries_.find(picture.id);
   if (found == entries_.end()) return {};
   found->second.in_use = true;
   return cuda_status(cudaEventRecord(found->second.used, stream), "marking a picture");
 }
 
-void TruthCache::clear() {
+void GroundTruthCache::clear() {
   for (auto& [id, entry] : entries_) {
     if (entry.memory != nullptr) cudaFreeAsync(entry.memory, copies_);
   }
@@ -57,14 +58,14 @@ void TruthCache::clear() {
   held_ = 0;
 }
 
-Status TruthCache::give_back() {
+Status GroundTruthCache::give_back() {
   clear();
   cudaMemPool_t pool = nullptr;
   STGS_TRY(default_pool(pool));
   return cuda_status(cudaMemPoolTrimTo(pool, 0), "giving memory back");
 }
 
-Status TruthCache::find(const Picture& picture, Entry*& entry) {
+Status GroundTruthCache::find(const TrainingImage& picture, Entry*& entry) {
   const auto found = entries_.find(picture.id);
   if (found == entries_.end()) {
     std::uint8_t* memory = nullptr;
@@ -82,7 +83,7 @@ Status TruthCache::find(const Picture& picture, Entry*& entry) {
 
 // What is past its use (a picture of a size that is not trained on any more), else what is needed
 // last; where there is a choice, none that a step under way uses, for the copies would wait for it.
-std::uint64_t TruthCache::least_needed(std::uint64_t now) const {
+std::uint64_t GroundTruthCache::least_needed(std::uint64_t now) const {
   if (by_use_.begin()->first < now) return by_use_.begin()->second;
   for (auto at = by_use_.rbegin(); at != by_use_.rend(); ++at) {
     const Entry& entry = entries_.at(at->second);
@@ -92,14 +93,14 @@ std::uint64_t TruthCache::least_needed(std::uint64_t now) const {
   return by_use_.rbegin()->second;
 }
 
-Status TruthCache::make_room(std::size_t bytes, std::uint64_t now) {
+Status GroundTruthCache::make_room(std::size_t bytes, std::uint64_t now) {
   while (held_ + bytes > budget_ && entries_.size() >= kFewest) {
     STGS_TRY(evict(least_needed(now)));
   }
   return {};
 }
 
-Status TruthCache::evict(std::uint64_t id) {
+Status GroundTruthCache::evict(std::uint64_t id) {
   Entry& entry = entries_.at(id);
   if (entry.in_use) {
     STGS_TRY(cuda_status(cudaStreamWaitEvent(copies_, entry.used, 0), "waiting for a step"));
@@ -113,7 +114,7 @@ Status TruthCache::evict(std::uint64_t id) {
   return {};
 }
 
-Status TruthCache::allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory) {
+Status GroundTruthCache::allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory) {
   STGS_TRY(make_room(bytes, now));
   for (;;) {
     void* found = nullptr;
@@ -127,7 +128,7 @@ Status TruthCache::allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*&
   }
 }
 
-Status TruthCache::copy(const Image8& image, std::uint8_t* memory, Entry& entry) {
+Status GroundTruthCache::copy(const Image8& image, std::uint8_t* memory, Entry& entry) {
   entry.memory = memory;
   entry.bytes = image.data.size();
   held_ += entry.bytes;
