@@ -14,7 +14,7 @@ void for_rows(int rows, Visit visit) {
   parallel_for(0, rows, [&visit](int y) { visit(y); });
 }
 
-// The patch as the network takes it; colour(x, y, c) in the picture, [0,1].
+// Loads the patch as network input; colour(x, y, c) returns a value of the image, [0,1].
 template <typename Colour>
 void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
   input.reshape(patch.width, patch.height, 3);
@@ -41,7 +41,7 @@ void pool(const FeatureMap& in, FeatureMap& out) {
   });
 }
 
-// dL/d(input of the pooling) from dL/d(its output): to the first of the largest, row by row.
+// Backward pass of pooling: the gradient goes to the first maximum of a window, in row order.
 void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_in) {
   d_in.reshape(in.width, in.height, in.channels);
   const int n = in.channels;
@@ -56,9 +56,9 @@ void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_
                       d_in.pixel(2 * x, 2 * y + 1), d_in.pixel(2 * x + 1, 2 * y + 1)};
       const float* d = d_out.pixel(x, y);
       for (int c = 0; c < n; ++c) {
-        int largest = 0;
-        for (int k = 1; k < 4; ++k) largest = from[k][c] > from[largest][c] ? k : largest;
-        to[largest][c] = d[c];
+        int max_index = 0;
+        for (int k = 1; k < 4; ++k) max_index = from[k][c] > from[max_index][c] ? k : max_index;
+        to[max_index][c] = d[c];
       }
     }
   });
@@ -75,18 +75,18 @@ PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.
   }
 }
 
-double PerceptualLoss::evaluate(const Image& shown, const Image8& truth, const Patch& patch,
+double PerceptualLoss::evaluate(const Image& shown, const Image8& ground_truth, const Patch& patch,
                                 float weight, Image& d_shown) {
   load(
       patch,
-      [&truth](int x, int y, int c) {
-        const std::size_t pixel = std::size_t{1} * y * truth.width + x;
-        return static_cast<float>(truth.data[3 * pixel + c]) * (1.0f / 255.0f);
+      [&ground_truth](int x, int y, int c) {
+        const std::size_t pixel = std::size_t{1} * y * ground_truth.width + x;
+        return static_cast<float>(ground_truth.data[3 * pixel + c]) * (1.0f / 255.0f);
       },
       input_);
   forward();
   for (std::size_t i = 0; i < kLayers; ++i) {
-    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], true_features_[tap]);
+    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], target_features_[tap]);
   }
   load(
       patch,
@@ -122,8 +122,8 @@ void PerceptualLoss::forward() {
   }
 }
 
-// Makes gradient_ that by the layer's sums before ReLU: adds the tap's own, where it is one, and
-// cuts it where the ReLU does. The tap's share of the loss.
+// Converts gradient_ to the gradient of the layer's output before ReLU: adds that of its tap, if
+// any, and applies the ReLU's mask. Returns the tap's contribution to the loss.
 double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
   const FeatureMap& shown = features_[layer];
   const int n = shown.channels, tap = kVggLayers[layer].tap;
@@ -140,7 +140,7 @@ double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
       const float* f = shown.pixel(x, y);
       float* gradient = gradient_.pixel(x, y);
       if (tap >= 0) {
-        const float* g = true_features_[tap].pixel(x, y);
+        const float* g = target_features_[tap].pixel(x, y);
         const float* w = channel_weights_[tap].data();
         float square_f = kVggEpsilon, square_g = kVggEpsilon;
         for (int c = 0; c < n; ++c) {
@@ -148,7 +148,7 @@ double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
           square_g += g[c] * g[c];
         }
         const float scale_f = 1.0f / std::sqrt(square_f), scale_g = 1.0f / std::sqrt(square_g);
-        // By a = f scale_f: da_k/df_c = (delta_kc - a_k a_c) scale_f.
+        // a = f scale_f, so da_k/df_c = (delta_kc - a_k a_c) scale_f.
         float sum = 0.0f, along = 0.0f;
         for (int c = 0; c < n; ++c) {
           const float a = f[c] * scale_f, difference = a - g[c] * scale_g;

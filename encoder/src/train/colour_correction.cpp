@@ -9,7 +9,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kRowBlock = 16;  // rows summed together; fixes the order of the sums
+constexpr int kRowBlock = 16;  // rows per partial sum; fixes the order of summation
 
 int row_blocks(const Image& image) {
   return (image.height + kRowBlock - 1) / kRowBlock;
