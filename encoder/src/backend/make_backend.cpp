@@ -7,7 +7,7 @@ namespace stgs::encoder {
 
 #if !STGS_HAS_CUDA
 Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int) {
-  return not_built("backend 'cuda' is not available (this build has no CUDA)");
+  return not_built("this build has no CUDA support");
 }
 #endif
 
