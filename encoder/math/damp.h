@@ -9,9 +9,9 @@
 STGS_MATH_BEGIN
 
 // Long-lived primitives become static unless their motion reduces the loss. Without damping, Adam's
-// steps are a random walk where nothing moves, and primitives that cover a whole clip drift.
-// Growing lifespans need the proportional `share`: v grows with f while the motion stays, beyond
-// what steps of constant length could ever reduce to 0.
+// steps are a random walk where nothing moves, and primitives that cover a complete clip drift. A
+// constant `shrink` alone does not suffice: while a lifespan grows and the motion remains, v grows
+// with f, faster than steps of constant length reduce it.
 struct DampingRules {
   float half_width;  // half width of the support, ticks, beyond which v shrinks
   float shrink;      // |v| removed per step there, down to 0; scene units per frame; 0: no damping
@@ -23,10 +23,9 @@ struct DampingRules {
 // 1. Scales v by `ratio`, which preserves the motion u = v / f. Otherwise every change of sigma or
 // r
 //    would change the motion too, and lifespans could not be learnt.
-// 2. Shrinks v of a long-lived primitive: a proximal step of an L1 penalty on |v|, accelerated
-// where
-//    |v| is large. The lifespan is the support at full opacity rather than sigma + r, because a
-//    flat top ends at r, but an equal sigma stays visible for more than twice as long.
+// 2. Shrinks v of a long-lived primitive: a proximal step of an L1 penalty on |v|, accelerated for
+//    large |v|. The lifespan is the support at full opacity rather than sigma + r, because a flat
+//    top ends at r, but an equal sigma stays visible for more than twice as long.
 STGS_FN Vec3 damped_velocity(Vec3 v, float ratio, float sigma, float radius, DampingRules rules) {
   Vec3 scaled = vec3_scale(v, ratio);
   float support = support_half_width(1.0f, sigma, radius, kAlphaThreshold);

@@ -101,10 +101,10 @@ class TrainBackend {
   // Makes all further steps joint steps of the ranks (not owned). All ranks call it, before any
   // other function.
   virtual Status join(Ranks& ranks) = 0;
-  // Checks that this backend can compute the perceptual loss. The error states what to do.
+  // Checks that this backend can compute the perceptual loss. The error includes a remedy.
   virtual Status check_perceptual() const = 0;
   // Reserves memory for a run. The error of a run that does not fit, or that this backend cannot
-  // train, states what is needed, what is available and what to do.
+  // train, states the required and the available memory and a remedy.
   virtual Status reserve(const TrainPlan& plan) = 0;
   // Starts working on a state, which is not owned and must outlive the backend or the next begin().
   virtual Status begin(TrainState& state) = 0;

@@ -75,8 +75,8 @@ PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.
   }
 }
 
-double PerceptualLoss::evaluate(const Image& shown, const Image8& ground_truth, const Patch& patch,
-                                float weight, Image& d_shown) {
+double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, const Patch& patch,
+                                float weight, Image& d_image) {
   load(
       patch,
       [&ground_truth](int x, int y, int c) {
@@ -90,8 +90,8 @@ double PerceptualLoss::evaluate(const Image& shown, const Image8& ground_truth, 
   }
   load(
       patch,
-      [&shown](int x, int y, int c) {
-        return shown.plane(c)[std::size_t{1} * y * shown.width + x];
+      [&image](int x, int y, int c) {
+        return image.plane(c)[std::size_t{1} * y * image.width + x];
       },
       input_);
   forward();
@@ -106,7 +106,7 @@ double PerceptualLoss::evaluate(const Image& shown, const Image8& ground_truth, 
       pool_backward(features_[i - 1], next_gradient_, gradient_);
     }
   }
-  add_gradient(patch, d_shown);
+  add_gradient(patch, d_image);
   return loss;
 }
 
@@ -125,19 +125,19 @@ void PerceptualLoss::forward() {
 // Converts gradient_ to the gradient of the layer's output before ReLU: adds that of its tap, if
 // any, and applies the ReLU's mask. Returns the tap's contribution to the loss.
 double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
-  const FeatureMap& shown = features_[layer];
-  const int n = shown.channels, tap = kVggLayers[layer].tap;
+  const FeatureMap& features = features_[layer];
+  const int n = features.channels, tap = kVggLayers[layer].tap;
   if (layer + 1 == kLayers) {
-    gradient_.reshape(shown.width, shown.height, n);
-    for_rows(shown.height, [&](int y) {
-      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(shown.width) * n, 0.0f);
+    gradient_.reshape(features.width, features.height, n);
+    for_rows(features.height, [&](int y) {
+      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(features.width) * n, 0.0f);
     });
   }
-  const auto pixels = static_cast<float>(shown.width) * static_cast<float>(shown.height);
-  row_sums_.assign(static_cast<std::size_t>(shown.height), 0.0);
-  for_rows(shown.height, [&](int y) {
-    for (int x = 0; x < shown.width; ++x) {
-      const float* f = shown.pixel(x, y);
+  const auto pixels = static_cast<float>(features.width) * static_cast<float>(features.height);
+  row_sums_.assign(static_cast<std::size_t>(features.height), 0.0);
+  for_rows(features.height, [&](int y) {
+    for (int x = 0; x < features.width; ++x) {
+      const float* f = features.pixel(x, y);
       float* gradient = gradient_.pixel(x, y);
       if (tap >= 0) {
         const float* g = target_features_[tap].pixel(x, y);
@@ -170,13 +170,13 @@ double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
   return loss / pixels;
 }
 
-void PerceptualLoss::add_gradient(const Patch& patch, Image& d_shown) {
+void PerceptualLoss::add_gradient(const Patch& patch, Image& d_image) {
   for_rows(patch.height, [&](int y) {
     for (int x = 0; x < patch.width; ++x) {
-      const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_shown.width +
+      const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_image.width +
                              static_cast<std::size_t>(patch.x + x);
       for (int c = 0; c < 3; ++c)
-        d_shown.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
+        d_image.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
     }
   });
 }

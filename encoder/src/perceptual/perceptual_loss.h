@@ -23,18 +23,18 @@ class PerceptualLoss {
  public:
   explicit PerceptualLoss(const Vgg16& network);
 
-  // Returns L of a patch and adds weight dL/dshown to `d_shown`. The patch has at least kVggMinSize
-  // pixels per side and lies within both images. `shown` has 3 planes, nominally in [0,1];
-  // `d_shown` has the same size.
-  double evaluate(const Image& shown, const Image8& ground_truth, const Patch& patch, float weight,
-                  Image& d_shown);
+  // Returns L of a patch and adds weight dL/dimage to `d_image`. The patch has at least kVggMinSize
+  // pixels per side and lies within both images. `image` has 3 planes, nominally in [0,1];
+  // `d_image` has the same size.
+  double evaluate(const Image& image, const Image8& ground_truth, const Patch& patch, float weight,
+                  Image& d_image);
 
  private:
   static constexpr std::size_t kLayers = kVggLayers.size();
 
   void forward();
   double tap_backward(std::size_t layer, float weight);
-  void add_gradient(const Patch& patch, Image& d_shown);
+  void add_gradient(const Patch& patch, Image& d_image);
 
   std::array<Convolution3x3, kLayers> forward_, backward_;
   std::array<std::vector<float>, kVggTaps> channel_weights_;

@@ -128,8 +128,8 @@ Result<Safetensors::Tensors> Safetensors::parse(const std::string& file, const s
   for (const auto& [name, entry] : json.items()) {
     if (name == "__metadata__") continue;
     Tensor tensor;
-    const auto invalid = [&, &tensor_name = name](const char* what) {
-      return invalid_file("{}: tensor '{}': {}", file, tensor_name, what);
+    const auto invalid = [&, &tensor_name = name](const char* reason) {
+      return invalid_file("{}: tensor '{}': {}", file, tensor_name, reason);
     };
     if (!entry.is_object()) return invalid("its description is not a JSON object");
     const auto type = entry.find("dtype"), shape = entry.find("shape"),

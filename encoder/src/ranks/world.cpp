@@ -57,7 +57,7 @@ class MpiWorld final : public World {
   void finish() override;
 
  private:
-  Status mpi_status(int error, const char* what) const;
+  Status mpi_status(int error, const char* operation) const;
   // Receives all notes that have arrived.
   Status read_notes();
   Status status_of(int rank) const;
@@ -99,11 +99,11 @@ Status MpiWorld::init(const Launch& launch) {
   return {};
 }
 
-Status MpiWorld::mpi_status(int error, const char* what) const {
+Status MpiWorld::mpi_status(int error, const char* operation) const {
   if (error == 0) return {};
   char text[512] = "";
   mpi_->describe(error, text, sizeof(text));
-  return runtime_error("MPI, {}: {}", what, text);
+  return runtime_error("MPI failed while {}: {}", operation, text);
 }
 
 Status MpiWorld::read_notes() {

@@ -8,11 +8,12 @@
 
 namespace stgs::encoder {
 
-// Computes shown = matrix colour + offset per pixel; planar, 3 channels.
-void apply_colour(const ColourMap& map, const Image& colour, Image& shown);
+// Computes corrected = matrix colour + offset per pixel; planar, 3 channels.
+void apply_colour(const ColourMap& map, const Image& colour, Image& corrected);
 
-// Backward of apply_colour: replaces d_shown (dL/dshown) with dL/dcolour and returns dL/dmap.
-ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_shown);
+// Backward of apply_colour: replaces d_corrected (dL/dcorrected) with dL/dcolour and returns
+// dL/dmap.
+ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_corrected);
 
 // Applies an Adam step to camera `index`, then shifts all cameras so that their mean is the
 // identity, the correction of held-out cameras.

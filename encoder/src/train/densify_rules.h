@@ -29,14 +29,15 @@ struct ScoreRules {
   double error, opacity, lifespan;
 };
 
-STGS_FN float largest_scale(math::Vec3 log_scale) {
+// Returns the largest standard deviation.
+STGS_FN float max_scale(math::Vec3 log_scale) {
   return std::exp(math::larger(log_scale.x, math::larger(log_scale.y, log_scale.z)));
 }
 
 // Returns whether a primitive with finite values is neither too transparent nor too large.
 STGS_FN bool survives(const DensifyRules& rules, float opacity_logit, math::Vec3 log_scale) {
   return !(math::opacity_of(opacity_logit) < rules.prune_opacity) &&
-         largest_scale(log_scale) < rules.too_large;
+         max_scale(log_scale) < rules.too_large;
 }
 
 // Returns the cap of an opacity reset: above the pruning threshold by the same factor as in 3DGS.
@@ -46,7 +47,7 @@ STGS_FN float reset_logit(const DensifyRules& rules) {
 }
 
 STGS_FN bool is_split(const DensifyRules& rules, math::Vec3 log_scale) {
-  return largest_scale(log_scale) > rules.split_limit;
+  return max_scale(log_scale) > rules.split_limit;
 }
 
 // Returns the mean gradient over its threshold; above 1, the primitive is cloned or split.

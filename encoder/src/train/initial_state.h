@@ -12,7 +12,7 @@
 namespace stgs::encoder {
 
 // Creates primitives from the capture's points: dynamic ones are centred on their frame and have
-// their measured motion; static ones are active over the whole clip.
+// their measured motion; static ones are active over the complete clip.
 // - Too many points are reduced to a random selection. For dynamic points it depends on the seed.
 //   For static points it is the same for all windows and seeds, or its first part if a window has
 //   more dynamic points.

@@ -41,12 +41,12 @@ Result<int> Lockstep::first_mismatch(std::uint64_t own) {
   return mismatch == all.end() ? 0 : static_cast<int>(mismatch - all.begin());
 }
 
-Status Lockstep::check_same_text(const std::string& own, const std::string& what) {
+Status Lockstep::check_same_text(const std::string& own, const std::string& subject) {
   STGS_ASSIGN(const int mismatch, first_mismatch(XXH3_64bits(own.data(), own.size())));
   if (mismatch == 0) return {};
   return usage_error(
       "process {} of {}: different {} than process 1; start all processes with the same arguments",
-      mismatch + 1, size(), what);
+      mismatch + 1, size(), subject);
 }
 
 Status Lockstep::check_same_state(std::uint64_t hash) {

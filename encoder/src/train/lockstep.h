@@ -31,8 +31,8 @@ class Lockstep {
   Result<ClockState> sync_clock(const ClockState& own);
   // Returns whether `own` is true on any rank.
   Result<bool> any(bool own);
-  // Returns kUsage, which names `what`, if a rank's text differs from rank 0's.
-  Status check_same_text(const std::string& own, const std::string& what);
+  // Returns kUsage, which names `subject`, if a rank's text differs from rank 0's.
+  Status check_same_text(const std::string& own, const std::string& subject);
   // Returns kRuntime if a rank's state hash differs from rank 0's.
   Status check_same_state(std::uint64_t hash);
 

@@ -42,7 +42,7 @@ struct DensifyStatistics {
   void reset(std::size_t n);
 };
 
-// Affine colour correction of a camera: shown = matrix colour + offset; row-major 3x3 then 3.
+// Affine colour correction of a camera: corrected = matrix colour + offset; row-major 3x3 then 3.
 using ColourMap = std::array<float, 12>;
 inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 

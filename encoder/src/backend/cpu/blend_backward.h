@@ -25,7 +25,7 @@ struct SplatGradients {
 // Working memory, reused between calls. Must not be shared by concurrent calls.
 struct BlendBackwardScratch {
   std::vector<SplatGradients> instances;     // one entry per entry of frame.instances
-  std::vector<math::Plane> plane_instances;  // the same, where planes are blended too
+  std::vector<math::Plane> plane_instances;  // the same, with planes
   std::vector<std::uint32_t> splat_begin, of_splat;
 };
 

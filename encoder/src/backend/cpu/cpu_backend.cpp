@@ -78,7 +78,7 @@ class CpuBackend final : public TrainBackend {
   // Working memory, reused between steps.
   SplatFrame frame_;
   RasterOutput output_;
-  Image shown_, d_shown_, error_;
+  Image corrected_, d_corrected_, error_;
   ImageLoss loss_;
   std::unique_ptr<PerceptualLoss> perceptual_;
   std::vector<cpu::SplatGradients> splat_gradients_;
@@ -113,20 +113,21 @@ Status CpuBackend::step(const StepInput& input) {
   bin(frame_);
   blend(frame_, settings, output_);
 
-  apply_colour(state_->colour[input.colour_index], output_.colour, shown_);
-  const ImageLossValue value = loss_.evaluate(
-      shown_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
+  apply_colour(state_->colour[input.colour_index], output_.colour, corrected_);
+  const ImageLossValue value =
+      loss_.evaluate(corrected_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim},
+                     d_corrected_, error_);
   StepOutput out;
   if (input.weight_perceptual > 0) {
-    out.perceptual = perceptual_->evaluate(shown_, *input.ground_truth.pixels, input.patch,
-                                           input.weight_perceptual, d_shown_);
+    out.perceptual = perceptual_->evaluate(corrected_, *input.ground_truth.pixels, input.patch,
+                                           input.weight_perceptual, d_corrected_);
   }
   const ColourMap d_map =
-      colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
+      colour_backward(state_->colour[input.colour_index], output_.colour, d_corrected_);
   const bool normals = input.weight_normal > 0.0f;
   if (normals) out.normal = evaluate_normals(input, settings);
   const cpu::PlanesBackward planes{planes_, d_surface_, d_planes_};
-  cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_,
+  cpu::blend_backward(frame_, settings, output_, d_corrected_, &error_, scratch_, splat_gradients_,
                       normals ? &planes : nullptr);
   gradients_.with_covariance = state_->is_coupled();
   cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,

@@ -38,7 +38,7 @@ std::vector<std::uint32_t> entries_of(const ViewContribution& view, std::size_t 
   return entries;
 }
 
-// Returns the SH basis for the direction from which a view sees a primitive.
+// Returns the SH basis for the direction from a camera to a primitive.
 math::ShBasis basis_in(const TrainState& state, std::size_t i, const BatchView& view) {
   const math::Vec3 position = math::position_at(
       read3(state.set.position, i), read3(state.set.velocity, i), view.ticks - state.set.time[i]);

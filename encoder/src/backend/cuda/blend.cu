@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
   const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * 4;
-  if (x0 >= view.width || y0 >= view.height) return;  // the whole warp; no block barrier follows
+  if (x0 >= view.width || y0 >= view.height) return;  // the entire warp; no block barrier follows
   const int x = x0 + lane % 8, y = y0 + lane / 8;
   const bool inside = x < view.width && y < view.height;
   const float px = static_cast<float>(x) + 0.5f, py = static_cast<float>(y) + 0.5f;

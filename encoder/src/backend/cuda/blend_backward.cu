@@ -21,8 +21,7 @@ using math::kAlphaMax;
 constexpr int kBatch = 32;  // splats
 
 // Sums each of v's 12 entries over the warp's lanes and returns the sum of entry sum_index(L) to
-// lane L
-// (-1: none). Each exchange halves the number of entries per lane.
+// lane L (-1: none). Each exchange halves the number of entries per lane.
 __device__ float sum_lanes(float (&v)[kSums], int lane) {
   const bool b4 = lane & 16, b3 = lane & 8, b2 = lane & 4, b1 = lane & 2;
 #pragma unroll

@@ -31,7 +31,7 @@ struct ImagePair {
 };
 
 // Returns a channel of the corrected colour.
-__device__ float shown(const float4& colour, const float* map, int c) {
+__device__ float corrected(const float4& colour, const float* map, int c) {
   return map[3 * c] * colour.x + map[3 * c + 1] * colour.y + map[3 * c + 2] * colour.z + map[9 + c];
 }
 
@@ -53,7 +53,7 @@ __device__ void load_area(const ImagePair& p, float (&x)[3][kArea], float (&y)[3
     const float4 colour = inside ? p.rendered[at] : float4{};
 #pragma unroll
     for (int c = 0; c < 3; ++c) {
-      x[c][q] = inside ? shown(colour, map, c) : 0.0f;
+      x[c][q] = inside ? corrected(colour, map, c) : 0.0f;
       y[c][q] = inside ? ground_truth_value(p, at, c) : 0.0f;
     }
   }
@@ -198,7 +198,7 @@ __global__ void __launch_bounds__(kThreads)
         for (int k = 0; k < kTaps; ++k) by[m] = fmaf(tap(k), rows[m][q + k * kLossX], by[m]);
       }
       const std::size_t at = static_cast<std::size_t>(py) * p.width + px;
-      const float x = shown(p.rendered[at], map, c), y = ground_truth_value(p, at, c);
+      const float x = corrected(p.rendered[at], map, c), y = ground_truth_value(p, at, c);
       const float slope = fmaf(2.0f * x, by[1], fmaf(y, by[2], by[0]));
       const float difference = x - y;
       const float sign = difference == 0.0f ? 0.0f : copysignf(l1_scale, difference);

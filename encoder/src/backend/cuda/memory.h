@@ -18,7 +18,7 @@ Status cuda_status(cudaError_t error, const char* operation);
 // Formats a size for humans, in MiB or GiB.
 std::string bytes_text(double bytes);
 
-// Returns kRuntime: an allocation of `bytes` failed, and what to do.
+// Returns kRuntime for a failed allocation of `bytes`, with a remedy.
 Status out_of_memory(std::size_t bytes);
 
 // Device memory for up to capacity() values; growing discards the contents.

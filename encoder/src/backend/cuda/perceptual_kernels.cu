@@ -31,17 +31,17 @@ __global__ void __launch_bounds__(kThreads)
   if (q >= pixels) return;
   const std::size_t at = image_index(step, q);
   const float4 colour = step.image[at];
-  float shown[3], ground_truth[3];
+  float rendered[3], ground_truth[3];
 #pragma unroll
   for (int c = 0; c < 3; ++c) {
     const float* row = step.colour_map + 3 * c;
     const float x =
         row[0] * colour.x + row[1] * colour.y + row[2] * colour.z + step.colour_map[9 + c];
-    shown[c] = (x - kMean[c]) * kInverse[c];
+    rendered[c] = (x - kMean[c]) * kInverse[c];
     const float y = static_cast<float>(step.ground_truth[3 * at + c]) * (1.0f / 255.0f);
     ground_truth[c] = (y - kMean[c]) * kInverse[c];
   }
-  input[q] = make_float4(shown[0], shown[1], shown[2], 0.0f);
+  input[q] = make_float4(rendered[0], rendered[1], rendered[2], 0.0f);
   input[pixels + q] = make_float4(ground_truth[0], ground_truth[1], ground_truth[2], 0.0f);
 }
 
@@ -112,12 +112,12 @@ __global__ void __launch_bounds__(kThreads)
   float sum_over_pixels = 0.0f;
   for (std::size_t q = std::size_t{blockIdx.x} * kWarps + threadIdx.x / 32; q < pixels;
        q += warps) {
-    const float* shown = tap.features + q * kChannels + lane;
-    const float* ground_truth = shown + pixels * kChannels;
+    const float* rendered = tap.features + q * kChannels + lane;
+    const float* ground_truth = rendered + pixels * kChannels;
     float a[kOwn], b[kOwn], square_a = 0.0f, square_b = 0.0f;
 #pragma unroll
     for (int k = 0; k < kOwn; ++k) {
-      a[k] = shown[32 * k];
+      a[k] = rendered[32 * k];
       b[k] = ground_truth[32 * k];
       square_a = fmaf(a[k], a[k], square_a);
       square_b = fmaf(b[k], b[k], square_b);

@@ -133,7 +133,7 @@ class CudnnPerceptual final : public PerceptualNetwork {
   DeviceArray<float> sums_, map_parts_;
   DeviceArray<double> value_;
   DeviceArray<std::uint8_t> workspace_;
-  const float* input_gradient_ = nullptr;  // where a pass of any size leaves dL/d(input_)
+  const float* input_gradient_ = nullptr;  // dL/d(input_) after a pass of any size
   std::vector<RecordedPass> recorded_;
 };
 

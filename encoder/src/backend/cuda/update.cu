@@ -144,7 +144,7 @@ template <bool kPlanes, bool kCoupled>
 __device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
                                      const PrimitiveValues& own, const View& view,
                                      const UpdateSettings& settings, const ScreenSplat& splat,
-                                     const Sums& sums, const Plane& by_plane, float share,
+                                     const Sums& sums, const Plane& by_plane, float inverse_count,
                                      float* stage, Statistics& statistics) {
   const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
                    splat.half_yy * (-2.0f / kLog2E)};
@@ -182,18 +182,18 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
 
   // L_t, L_opacity and L_scale (regularisers.cpp); l(t) of L_opacity is held constant.
   const float span = kSpanFactor * sigma + radius;
-  const float d_span = -settings.weight_lifespan * share / (span * span);
+  const float d_span = -settings.weight_lifespan * inverse_count / (span * span);
   const float opacity_weight = settings.second_stage ? settings.weight_opacity : 0.0f;
   const float visible = visibility(dt, sigma, radius);
   float d_logit = grad.opacity * (opacity_t / opacity) * opacity_grad(opacity) +
-                  opacity_weight * share * visible * opacity * (1.0f - opacity);
+                  opacity_weight * inverse_count * visible * opacity * (1.0f - opacity);
   Vec3 d_scale{by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
                by_covariance.scale.z * scale.z};
   // The covariance's gradient includes the scales already; only the regulariser is added here.
   if constexpr (kCoupled) d_scale = {0.0f, 0.0f, 0.0f};
   const bool first_is_shortest = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
   const float shortest = smaller(scale.x, smaller(scale.y, scale.z));
-  const float d_shortest = settings.weight_scale * share * shortest;
+  const float d_shortest = settings.weight_scale * inverse_count * shortest;
   if (first_is_shortest) {
     d_scale.x += d_shortest;
   } else if (log_scale.y <= log_scale.z) {
@@ -257,7 +257,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
   }
   double regularisers = 0.0;
   if (visible != 0) {
-    const float share = 1.0f / static_cast<float>(w.counters->visible);
+    const float inverse_count = 1.0f / static_cast<float>(w.counters->visible);
     PrimitiveValues values{};
     ScreenSplat splat{};
     if (own) {
@@ -274,7 +274,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     if (own) {
       Statistics statistics{};
       regularisers = primitive_gradients<kPlanes, kCoupled>(
-          p, i, values, view, settings, splat, found, by_plane, share, stage, statistics);
+          p, i, values, view, settings, splat, found, by_plane, inverse_count, stage, statistics);
       if constexpr (kShared) {
         write_contribution(blocks, i, stage, statistics);
       } else {
