@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-# Completion of `stgs` in bash. Verbs, options and their values are read from the program's --help,
-# so they are always those of the program that is there. Files are bash's own default.
+# bash completion of `stgs`. Reads verbs, options and values from the --help of the program, so that
+# they match the installed version. Files fall back to the default completion of bash.
 
 _stgs() {
   local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD - 1]} verb= help words=
-  # bash takes --option=value as three words.
+  # bash splits --option=value into three words.
   if [[ $word == = ]]; then
     word=
   elif [[ $before == = ]]; then

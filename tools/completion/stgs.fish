@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Completion of `stgs` in fish. Verbs, options and their values are read from the program's --help,
-# so they are always those of the program that is there. Files are fish's own.
+# fish completion of `stgs`. Reads verbs, options and values from the --help of the program, so that
+# they match the installed version. Files fall back to the default completion of fish.
 
 function __stgs_words
     set -l before (commandline -opc)
@@ -14,20 +14,20 @@ function __stgs_words
     if test -n "$option"
         string replace -r -- '^' "$option=" (__stgs_values $option $help)
     else if string match -q -- '-*' $word
-        # What an option is for begins in column 31, on the next line where the option is too long.
+        # The description of an option starts in column 31, on the next line if the option is long.
         printf '%s\n' $help | awk '
-            function tell(said, i) {
-                for (i in names) if (names[i] ~ /^--/) print names[i] "\t" said
+            function offer(text, i) {
+                for (i in names) if (names[i] ~ /^--/) print names[i] "\t" text
                 open = 0
             }
-            open { tell(substr($0, 1, 31) ~ /^ +[^ ]$/ ? substr($0, 31) : said) }
+            open { offer(substr($0, 1, 31) ~ /^ +[^ ]$/ ? substr($0, 31) : text) }
             /^ +-/ {
                 split($1, names, ",")
-                said = substr($0, 30, 1) == " " ? substr($0, 31) : ""
+                text = substr($0, 30, 1) == " " ? substr($0, 31) : ""
                 open = 1
-                if (substr($0, 29) ~ /^  [^ ]/) tell(said)
+                if (substr($0, 29) ~ /^  [^ ]/) offer(text)
             }
-            END { if (open) tell(said) }'
+            END { if (open) offer(text) }'
     else if test (count $before) -eq 1
         printf '%s\n' $help | awk '
             /^Subcommands:/ { listed = 1; next }
@@ -38,7 +38,7 @@ function __stgs_words
     end
 end
 
-# The values of an option that are named in the help, which follows.
+# Prints the values of an option that the help lists. Arguments: OPTION HELP-LINE...
 function __stgs_values
     if string match -qr -- '^--?[a-z-]+$' $argv[1]
         string replace -rf -- "^ +(?:-[a-z],)?$argv[1] [A-Z]+:\{([^}]*)\}.*" '$1' $argv[2..] | string split ,

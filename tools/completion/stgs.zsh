@@ -1,9 +1,9 @@
 #compdef stgs
 # SPDX-License-Identifier: Apache-2.0
-# Completion of `stgs` in zsh. Verbs, options and their values are read from the program's --help,
-# so they are always those of the program that is there. Files are zsh's own.
+# zsh completion of `stgs`. Reads verbs, options and values from the --help of the program, so that
+# they match the installed version. Files fall back to _files.
 
-# Sets `values` to those of an option that are named in the help.
+# Sets `values` to the values of an option that the help lists.
 _stgs_values() {
   local line
   values=()
@@ -18,7 +18,7 @@ _stgs_values() {
 }
 
 _stgs() {
-  local verb line name said sure listed
+  local verb line name text complete listed
   local -a help names values entries
   (( CURRENT > 2 )) && [[ $words[2] != -* ]] && verb=$words[2]
   help=("${(@f)$(_call_program help ${(q)words[1]} $verb --help 2>/dev/null)}")
@@ -27,15 +27,15 @@ _stgs() {
     compset -P '*='
     compadd -a values
   elif [[ $PREFIX == -* ]]; then
-    # What an option is for begins in column 31, on the next line where the option is too long.
+    # The description of an option starts in column 31, on the next line if the option is long.
     for line in "${help[@]}" ''; do
-      [[ -z $sure && $line =~ '^ {30}([^ ].*)' ]] && said=$match[1]
-      for name in $names; do entries+=("$name:$said"); done
-      names=() said= sure=
+      [[ -z $complete && $line =~ '^ {30}([^ ].*)' ]] && text=$match[1]
+      for name in $names; do entries+=("$name:$text"); done
+      names=() text= complete=
       if [[ $line =~ '^ +(-[^ ]+)' ]]; then
         names=(${(M)${(s:,:)match[1]}:#--*})
-        [[ $line[30] == ' ' ]] && said=$line[31,-1]
-        [[ $line[29,30] == '  ' ]] && sure=1
+        [[ $line[30] == ' ' ]] && text=$line[31,-1]
+        [[ $line[29,30] == '  ' ]] && complete=1
       fi
     done
     _describe -o option entries

@@ -1,13 +1,13 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The sample capture, from videos to a verified picture.
-# usage: demo.sh STGS OUT     STGS: the program; OUT: folder for the results, replaced
+# Encodes the sample capture and verifies the result.
+# usage: demo.sh STGS OUT     STGS: the program; OUT: output folder, replaced
 set -eu
 
 stgs=$1
 out=$2
 sample=$(dirname "$0")/../../tests/data/workshop
-camera=cam00  # held out: not seen in training
+camera=cam00  # held out of training
 frame=10
 
 step() { printf '\n== %s\n' "$*"; }
@@ -20,13 +20,13 @@ rm -rf "$out"
 mkdir -p "$out"
 start=$(date +%s)
 
-step "encode: 9 cameras, 20 frames -> one file"
+step "encode: 9 cameras, 20 frames"
 run "$stgs" encode "$sample" -o "$out/workshop.stgs" --preset fast --quality 90 --keep-work "$out/work"
 
 step "validate"
 run "$stgs" validate "$out/workshop.stgs"
 
-step "render $camera, which training has not seen, with the truth to its right"
+step "render held-out camera $camera next to the ground truth"
 run "$stgs" render "$out/workshop.stgs" --cameras "$out/work/prepared" --which "$camera" \
   --frames "$frame:$((frame + 1))" --side-by-side -o "$out/side-by-side.png"
 run "$stgs" render "$out/workshop.stgs" --cameras "$out/work/prepared" --which "$camera" \
@@ -48,5 +48,5 @@ primitives = json.load(open(f"{out}/info.json"))["primitives"]
 print(f"PSNR   {scores['psnr']:.2f} dB on {camera} (SSIM {scores['ssim']:.3f}), held out of training")
 print(f"size   {size} bytes, {primitives} primitives, {size / primitives:.1f} bytes each")
 print(f"time   {seconds} s")
-print(f"look   {out}/side-by-side.png, {out}/side-by-side.mp4: left the render, right the truth")
+print(f"images {out}/side-by-side.png, {out}/side-by-side.mp4: render left, ground truth right")
 PYTHON

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the manual of the program from what it says of itself: stgs.1.gz, and stgs-VERB.1.gz for
-each verb. Nothing that the program's help says is written down here.
+"""Generates the manual pages from the help of the program: stgs.1.gz, and stgs-VERB.1.gz for each
+verb.
 
 usage: make_man.py STGS FOLDER
 """
@@ -13,7 +13,7 @@ import sys
 
 HEADING = re.compile(r"([A-Z][A-Za-z ]*):$")
 ITEM = re.compile(r"  (?! )(.+?)(?:\s{2,}(\S.*))?$")
-# An argument as the help shows it: --format TEXT:{text,json}=text Needs: --other
+# An argument as printed in the help: --format TEXT:{text,json}=text Needs: --other
 VALUE = re.compile(r"(?P<type>[A-Z]+)(?![a-z])(?:\:\{(?P<choices>[^}]*)\})?(?P<range>:\S+ in \[[^]]*\])?"
                    r"(?:=(?P<default>\S+))?(?P<rest>.*)")
 
@@ -24,13 +24,13 @@ def help_of(program, *verb):
 
 
 def roff(text):
-    """Text without requests and escapes, and with hyphens that can be searched and copied."""
+    """Escapes text for roff. Hyphens become ASCII hyphens, which can be searched and copied."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return "\\&" + text if text[:1] in (".", "'") else text
 
 
 def described(lines):
-    """An option, argument or verb a pair: its head, and what it is."""
+    """Returns [head, description] for each option, argument or verb."""
     pairs = []
     for line in lines:
         item = ITEM.match(line)
@@ -55,7 +55,7 @@ def head(text):
 
 
 def sections(lines):
-    """(heading, lines) of a help; text between the groups has the heading ''."""
+    """Splits a help into (heading, lines). Text between groups has the heading ''."""
     found = [("", [])]
     for line in lines:
         heading = HEADING.match(line)
@@ -93,12 +93,12 @@ def page(name, lines, others, version):
                 out += [".TP", f".B {number}", roff(meaning)]
         elif heading == "Subcommands":
             out.append(".SH VERBS")
-            for verb, what in described(body):
-                out += [".TP", f".BR {roff(name + '-' + verb)} (1)", roff(what)]
+            for verb, summary_of_verb in described(body):
+                out += [".TP", f".BR {roff(name + '-' + verb)} (1)", roff(summary_of_verb)]
         elif heading not in ("", "Usage"):
             out.append(f".SH {heading.upper()}")
-            for item, what in described(body):
-                out += [".TP", head(item), roff(what)]
+            for item, description in described(body):
+                out += [".TP", head(item), roff(description)]
     out += [".SH SEE ALSO", ",\n".join(f".BR {roff(other)} (1)" for other in others)]
     return "\n".join(out) + "\n"
 
@@ -114,7 +114,7 @@ def main():
     for name, verb in zip(names, [[], *([verb] for verb in verbs)]):
         text = page(name, help_of(program, *verb), [other for other in names if other != name],
                     version)
-        # The same bytes for the same help.
+        # mtime=0: reproducible output.
         with open(os.path.join(folder, f"{name}.1.gz"), "wb") as file:
             file.write(gzip.compress(text.encode(), 9, mtime=0))
 

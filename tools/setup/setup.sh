@@ -1,15 +1,15 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Installs what tools/setup/packages.txt lists and this machine lacks; does nothing otherwise.
-# Exit code 0: everything is there; 1: something could not be installed.
+# Installs the packages of tools/setup/packages.txt that are missing.
+# Exit code 0: all packages are installed; 1: a package could not be installed.
 set -eu
 
 list=$(dirname "$0")/packages.txt
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
-  echo "setup: this is not a Debian system; install the counterparts of these by hand:"
+  echo "setup: this is not a Debian system; install the equivalents of these packages:"
   grep -v '^#' "$list"
-  echo "setup: going on with what is there"
+  echo "setup: continuing with the installed packages"
   exit 0
 fi
 
@@ -32,22 +32,22 @@ done
 as_root=
 if [ "$(id -u)" -ne 0 ]; then
   if ! command -v sudo >/dev/null; then
-    echo "setup: not root and there is no sudo; as root run: apt-get install$missing" >&2
+    echo "setup: root privileges are needed; run as root: apt-get install$missing" >&2
     exit 1
   fi
   as_root=sudo
 fi
 
-# env after sudo, because sudo drops the caller's environment.
+# env after sudo: sudo resets the environment.
 apt() { $as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq "$@" >"$log" 2>&1; }
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 if ! apt update; then
   cat "$log" >&2
-  echo "setup: apt-get update failed; is the network there? Needed:$missing" >&2
+  echo "setup: apt-get update failed; check the network. Missing packages:$missing" >&2
   exit 1
 fi
-# shellcheck disable=SC2086  # a list of words is meant
+# shellcheck disable=SC2086  # word splitting is intended
 if ! apt install --no-install-recommends --yes $missing; then
   tail -n 30 "$log" >&2
   echo "setup: apt-get could not install:$missing" >&2

@@ -26,8 +26,8 @@ void Pass::add(double frame_ms, const player::RenderStats& stats) {
   bin.push_back(stats.bin_ms);
   blend.push_back(stats.blend_ms);
   device.push_back(stats.device_ms);
-  alive.push_back(static_cast<double>(stats.active));
-  drawn.push_back(static_cast<double>(stats.splats));
+  active.push_back(static_cast<double>(stats.active));
+  splats.push_back(static_cast<double>(stats.splats));
   stored = std::max(stored, stats.stored);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What drawing pictures took, and how it is told.
+// Timings of rendering, and their reports.
 #pragma once
 
 #include <string>
@@ -10,29 +10,32 @@
 
 namespace stgs::tools {
 
-// Of some pictures.
+// The timings of a series of frames. Each vector has one entry per frame.
 struct Pass {
-  std::vector<double> frame, fetch, slice, bin, blend, device;  // milliseconds a picture
-  std::vector<double> alive, drawn;                             // primitives, splats of all views
-  std::size_t stored = 0;                                       // primitives, at most
+  std::vector<double> frame, fetch, slice, bin, blend, device;  // milliseconds
+  std::vector<double> active;                                   // active primitives
+  std::vector<double> splats;                                   // splats of all views
+  std::size_t stored = 0;  // maximum number of resident primitives
 
   void add(double frame_ms, const player::RenderStats& stats);
 };
 
-// The least value that the share of all values does not exceed; not of nothing.
+// Returns the smallest value that is not exceeded by the fraction `share` of all values. `values`
+// must not be empty.
 double percentile(std::vector<double> values, double share);
 double sum(const std::vector<double>& values);
+// `values` must not be empty.
 double mean(const std::vector<double>& values);
 
 Json to_json(const Pass& pass);
-// A table with `name` at its head.
+// Returns a table with `name` in its header.
 std::string to_text(const char* name, const Pass& pass);
 
-// What each step of drawing takes, beside its floor: the longer of its bytes over the device's
-// bandwidth and its operations over their rate.
+// The duration of each rendering step next to its lower bound: the larger of bytes / memory
+// bandwidth and operations / operation rate.
 class StepTable {
  public:
-  // One picture's, which all have the same steps.
+  // Adds the profile of one frame. All frames must have the same steps.
   void add(const player::RenderProfile& profile);
   Json to_json() const;
   std::string to_text() const;

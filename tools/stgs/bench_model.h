@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes for measuring renderers, made of a model that has no time.
+// Synthetic dynamic scenes for renderer benchmarks, derived from a static model.
 #pragma once
 
 #include <cstdint>
@@ -8,15 +8,16 @@
 
 namespace stgs::tools {
 
-// The dynamics of tests/bench/RESULTS.md's comparisons: 300 frames, T uniform in them, sigma 3
-// frames for 30 % and 900 for the rest, r nearly 0, speeds to .001 units a frame and axis.
+// Adds the dynamics of the comparisons in tests/bench/RESULTS.md: 300 frames, T uniform over them,
+// sigma 3 frames for 30 % of the primitives and 900 for the rest, r nearly 0, speeds up to 0.001
+// units per frame and axis.
 void animate(Scene& scene, std::uint64_t seed);
 
-// Makes of each primitive `lives` that follow each other over 300 frames, the borders between them
-// anywhere: what is alive at a moment is what the model had, `lives` times as much is stored.
-void part_lives(Scene& scene, int lives, std::uint64_t seed);
+// Splits each primitive into `ratio` consecutive ones over 300 frames, at random times. The number
+// of active primitives stays that of the model; `ratio` times as many are stored.
+void multiply_stored(Scene& scene, int ratio, std::uint64_t seed);
 
-// All harmonics to degree 3; those that the model lacks are random.
-void fill_harmonics(Gaussians4D& set, std::uint64_t seed);
+// Extends SH to degree 3 with random coefficients.
+void extend_sh(Gaussians4D& set, std::uint64_t seed);
 
 }  // namespace stgs::tools

@@ -9,16 +9,16 @@
 #include <thread>
 #include <utility>
 
-#include "losses.h"
+#include "damage.h"
 #include "stgs/player/player.h"
 
 namespace stgs::tools {
 namespace {
 
 constexpr double kPoll = 0.001;  // seconds
-// Seconds without a byte that play is given to begin, and once something could not be read.
-constexpr double kPatience = 60, kLostPatience = 10;
-constexpr double kMostPictures = 1e7;
+// Seconds without a byte after which playback fails to begin; the shorter after a failed read.
+constexpr double kStartTimeout = 60, kFailedReadTimeout = 10;
+constexpr double kMaxRefreshes = 1e7;
 
 void sleep(double seconds) {
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
@@ -32,9 +32,9 @@ class TimelinePlayback final : public MeasuredPlayback {
   Result<double> advance(double passed) override {
     return std::fmod(passed * rate_, timeline_->duration_seconds());
   }
-  bool waits() const override { return false; }
-  bool is_whole() const override { return true; }
-  int tell(Session& /*session*/) override { return 0; }
+  bool is_buffering() const override { return false; }
+  bool is_complete() const override { return true; }
+  int report_events(Session& /*session*/) override { return 0; }
 
  private:
   std::unique_ptr<player::Timeline> timeline_;
@@ -49,55 +49,56 @@ class PlayerPlayback final : public MeasuredPlayback {
   player::Timeline& timeline() override { return player_->timeline(); }
   Result<double> advance(double passed) override {
     if (player_->state() == player::PlayerState::kPaused) STGS_TRY(begin());
-    // A longer step would count as this one: pictures that are missed are passed, not waited for.
+    // The player limits a step to kMaxStepSeconds. Take several, so that dropped frames are
+    // skipped.
     for (; passed_ + player::kMaxStepSeconds < passed; passed_ += player::kMaxStepSeconds) {
       player_->advance(passed_ + player::kMaxStepSeconds);
     }
     passed_ = passed;
     return player_->advance(passed);
   }
-  bool waits() const override { return player_->state() == player::PlayerState::kBuffering; }
-  bool is_whole() const override { return player_->layers() >= player_->layer_count(); }
-  int tell(Session& session) override {
+  bool is_buffering() const override { return player_->state() == player::PlayerState::kBuffering; }
+  bool is_complete() const override { return player_->layers() >= player_->layer_count(); }
+  int report_events(Session& session) override {
     take_events();
-    int lost = 0;
+    int failed = 0;
     for (const Event& event : std::exchange(events_, {})) {
-      tell_event(session, event);
-      lost += event.kind != Event::Kind::kRetry;
+      warn_of_event(session, event);
+      failed += event.kind != Event::Kind::kRetry;
     }
-    ever_lost_ |= lost > 0;
-    if (!told_no_room_ && !ever_lost_ && !is_whole() && player_->is_complete()) {
-      told_no_room_ = true;
-      session.log(1, fmt::format("{}: pictures lack what has no room in --memory; allow more",
+    has_failed_ |= failed > 0;
+    if (!warned_of_memory_ && !has_failed_ && !is_complete() && player_->is_complete()) {
+      warned_of_memory_ = true;
+      session.log(1, fmt::format("{}: frames are incomplete because --memory is too small",
                                  player_->timeline().name()));
     }
-    return lost;
+    return failed;
   }
 
  private:
-  // The player's clock stands at 0 meanwhile, and goes on from there.
+  // Starts playback and blocks until it runs. The player's clock stays at 0 meanwhile.
   Status begin() {
     player_->play();
     std::uint64_t fetched = 0;
-    double come = now_seconds();  // the last bytes
+    double last_bytes = now_seconds();
     while (player_->advance(0), player_->state() != player::PlayerState::kPlaying) {
       take_events();
-      if (interrupted()) return runtime_error("play has not begun");
+      if (interrupted()) return runtime_error("playback has not begun");
       const double now = now_seconds();
       if (std::uint64_t so_far = player_->statistics().fetched_bytes; so_far != fetched) {
         fetched = so_far;
-        come = now;
+        last_bytes = now;
       }
-      if (now - come > (events_.empty() ? kPatience : kLostPatience)) {
-        if (!events_.empty()) return io_error("play cannot begin: {}", events_.back().message);
-        return runtime_error("play has not begun, and nothing has come for {} s", kPatience);
+      if (now - last_bytes > (events_.empty() ? kStartTimeout : kFailedReadTimeout)) {
+        if (!events_.empty()) return io_error("playback cannot begin: {}", events_.back().message);
+        return runtime_error("playback has not begun: no data for {} s", kStartTimeout);
       }
       sleep(kPoll);
     }
     return {};
   }
 
-  // Keeps those that tell of something wrong.
+  // Collects the events that report a problem.
   void take_events() {
     for (Event& event : player_->take_events()) {
       if (!event.message.empty()) events_.push_back(std::move(event));
@@ -105,9 +106,9 @@ class PlayerPlayback final : public MeasuredPlayback {
   }
 
   std::unique_ptr<player::Player> player_;
-  std::vector<Event> events_;  // that are still to be told
-  bool ever_lost_ = false, told_no_room_ = false;
-  double passed_ = 0;  // of the last advance()
+  std::vector<Event> events_;  // not yet reported
+  bool has_failed_ = false, warned_of_memory_ = false;
+  double passed_ = 0;  // argument of the last advance()
 };
 
 }  // namespace
@@ -121,7 +122,7 @@ Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource
                                                       std::uint64_t memory_budget, double rate) {
   player::PlayerSettings settings;
   settings.memory_budget = memory_budget;
-  settings.live.follow = false;  // frames of what there is, from the beginning
+  settings.live.follow = false;  // play a growing file from its beginning
   STGS_ASSIGN(auto player, player::Player::from_source(std::move(source), settings));
   STGS_TRY(player->set_rate(rate));
   player->set_loop(true);
@@ -133,43 +134,44 @@ Result<Played> play(Session& session, MeasuredPlayback& playback, player::Render
                     const std::string& file) {
   Played out;
   player::RenderStats stats;
-  const auto draw = [&](double due) -> Status {
+  const auto render = [&](double due) -> Status {
     STGS_ASSIGN(const double seconds, playback.advance(due));
-    return at_moment(renderer.draw(playback.timeline(), seconds, views, &stats), file, seconds);
+    return with_render_time(renderer.draw(playback.timeline(), seconds, views, &stats), file,
+                            seconds);
   };
   const double period = 1 / settings.refresh;
   const SceneMetadata& metadata = playback.timeline().metadata();
   const double length = metadata.time_base.seconds(settings.frames) / settings.rate;
-  const double pictures = std::max(1.0, std::ceil(length / period - 1e-9));
-  if (!(pictures <= kMostPictures)) {
+  const double refreshes = std::max(1.0, std::ceil(length / period - 1e-9));
+  if (!(refreshes <= kMaxRefreshes)) {
     return usage_error(
-        "--frames {} at --rate {} and --refresh {} are {:.3g} pictures, more than {}",
-        settings.frames, settings.rate, settings.refresh, pictures, kMostPictures);
+        "--frames {} at --rate {} and --refresh {} takes {:.3g} refreshes (at most {:.0f})",
+        settings.frames, settings.rate, settings.refresh, refreshes, kMaxRefreshes);
   }
-  out.pictures = static_cast<int>(pictures);
+  out.refreshes = static_cast<int>(refreshes);
   const double begin = now_seconds();
-  STGS_TRY(draw(0));
+  STGS_TRY(render(0));
   const double start = now_seconds();
   out.start_ms = 1e3 * (start - begin);
-  for (int k = 0; k < out.pictures; ++k) {
+  for (int k = 0; k < out.refreshes; ++k) {
     const double due = k * period;
     const double early = due - (now_seconds() - start);
     if (early > 0) sleep(early);
     if (k == 0 || early > -period) {
       const double begun = now_seconds();
-      STGS_TRY(draw(due));
+      STGS_TRY(render(due));
       const double end = now_seconds();
       out.pass.add(1e3 * (end - begun), stats);
       out.missed += end - start > due + period;
-      out.waited += playback.waits();
-      out.incomplete += !playback.is_whole() || stats.pending > 0;
+      out.stalled += playback.is_buffering();
+      out.incomplete += !playback.is_complete() || stats.pending > 0;
     } else {
       ++out.missed;
     }
-    out.lost += playback.tell(session);
+    out.failed_reads += playback.report_events(session);
     if (!session.progress("play", static_cast<std::size_t>(k) + 1,
-                          static_cast<std::size_t>(out.pictures))) {
-      return runtime_error("the measurement is not complete");
+                          static_cast<std::size_t>(out.refreshes))) {
+      return runtime_error("the benchmark is not complete");
     }
   }
   out.seconds = now_seconds() - start;
@@ -181,11 +183,11 @@ Json to_json(const Played& played, const PlaySettings& settings) {
   return {{"frames", settings.frames},
           {"refresh", settings.refresh},
           {"rate", settings.rate},
-          {"refreshes", played.pictures},
+          {"refreshes", played.refreshes},
           {"missed", played.missed},
-          {"stalled", played.waited},
+          {"stalled", played.stalled},
           {"incomplete", played.incomplete},
-          {"failed_reads", played.lost},
+          {"failed_reads", played.failed_reads},
           {"start_ms", played.start_ms},
           {"max_ms", percentile(pass.frame, 1)},
           {"fetch_share", sum(pass.fetch) / std::max(sum(pass.frame), 1e-9)},
@@ -196,12 +198,13 @@ Json to_json(const Played& played, const PlaySettings& settings) {
 std::string to_text(const Played& played, const PlaySettings& settings) {
   const Pass& pass = played.pass;
   return fmt::format(
-      "{} frames at {} times their rate, {} pictures a second: {} of {} missed, {} waited for what "
-      "is next, {} lacked layers; the first after {:.1f} ms, the longest {:.3f} ms\n"
-      "fetching is {:.1f} % of drawing, drawing {:.1f} % of the time\n{}",
-      settings.frames, settings.rate, settings.refresh, played.missed, played.pictures,
-      played.waited, played.incomplete, played.start_ms, percentile(pass.frame, 1),
-      1e2 * sum(pass.fetch) / std::max(sum(pass.frame), 1e-9),
+      "{} at rate {}, {} refreshes/s: {} of {} missed, {} stalled, {} incomplete; first frame "
+      "after "
+      "{:.1f} ms, slowest {:.3f} ms\n"
+      "fetching takes {:.1f} % of rendering, rendering {:.1f} % of the time\n{}",
+      plural(settings.frames, "frame"), settings.rate, settings.refresh, played.missed,
+      played.refreshes, played.stalled, played.incomplete, played.start_ms,
+      percentile(pass.frame, 1), 1e2 * sum(pass.fetch) / std::max(sum(pass.frame), 1e-9),
       1e-1 * sum(pass.frame) / played.seconds, to_text("play", pass));
 }
 

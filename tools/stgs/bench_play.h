@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Playing a scene in order against the clock of a display.
+// Benchmarks playback in order, against the clock of a display.
 #pragma once
 
 #include <memory>
@@ -13,47 +13,48 @@
 namespace stgs::tools {
 
 struct PlaySettings {
-  int frames = 300;      // of the clip, from its beginning, which follows its end
-  double refresh = 100;  // pictures a second
-  double rate = 1;       // of play
+  int frames = 300;      // of the clip, from its beginning; the clip repeats
+  double refresh = 100;  // display refreshes per second
+  double rate = 1;       // playback rate
 };
 
-// What a clip is played through.
+// The decoding pipeline under test.
 class MeasuredPlayback {
  public:
   virtual ~MeasuredPlayback() = default;
   virtual player::Timeline& timeline() = 0;
-  // The moment to draw `passed` seconds after play began; at 0 waits until it can begin.
-  // kIo where what it begins with is lost, kRuntime where nothing comes for a minute.
+  // Returns the time to render `passed` seconds after playback began. The first call, at 0, blocks
+  // until playback can begin: kIo if its first data cannot be read, kRuntime if nothing arrives for
+  // a minute.
   virtual Result<double> advance(double passed) = 0;
-  // Whether it stood still at the last moment, for want of what is next.
-  virtual bool waits() const = 0;
-  // Whether all layers of the last moment had come.
-  virtual bool is_whole() const = 0;
-  // Warns of what has happened since the last call, and counts it where it was lost.
-  virtual int tell(Session& session) = 0;
+  // Returns whether playback was buffering after the last advance().
+  virtual bool is_buffering() const = 0;
+  // Returns whether all layers of the last time were resident.
+  virtual bool is_complete() const = 0;
+  // Logs the events since the last call as warnings. Returns how many of them were failed reads.
+  virtual int report_events(Session& session) = 0;
 };
 
-// "timeline": a moment's segments are decoded when it is drawn, by the renderer's device.
+// "timeline": segments are decoded when a frame is rendered, on the device of the renderer.
 std::unique_ptr<MeasuredPlayback> playback_of(std::unique_ptr<player::Timeline> timeline,
                                               double rate);
-// "player": fetched and decoded ahead, by threads of the processor.
+// "player": segments are fetched and decoded ahead, on CPU threads.
 Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource> source,
                                                       std::uint64_t memory_budget, double rate);
 
 struct Played {
-  Pass pass;            // the pictures that were drawn
-  int pictures = 0;     // of the display
-  int missed = 0;       // of these: not ready when the next was due
-  int waited = 0;       // of these: play stood still
-  int incomplete = 0;   // of these: drawn, but without all that the file has of the moment
-  int lost = 0;         // times that a piece of the file could not be read
-  double start_ms = 0;  // until the first picture, drawn before the clock starts
-  double seconds = 0;   // from then on
+  Pass pass;             // timings of the rendered frames
+  int refreshes = 0;     // of the display
+  int missed = 0;        // refreshes without a new frame, because the frame was late
+  int stalled = 0;       // refreshes at which playback was buffering
+  int incomplete = 0;    // frames rendered without all layers of their time
+  int failed_reads = 0;  // of pieces of the file
+  double start_ms = 0;   // until the first frame, which is rendered before the clock starts
+  double seconds = 0;    // from then on
 };
 
-// Draws a picture of `views` each 1 / refresh seconds; but for the first, one that is late is left
-// out, as by a display. `file` is for messages. kUsage where these are more than 10^7 pictures.
+// Renders a frame of `views` every 1 / refresh seconds. Late frames are dropped, as by a display,
+// except the first. `file` is for messages. kUsage for more than 10^7 refreshes.
 Result<Played> play(Session& session, MeasuredPlayback& playback, player::Renderer& renderer,
                     const std::vector<player::View>& views, const PlaySettings& settings,
                     const std::string& file);

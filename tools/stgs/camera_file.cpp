@@ -14,15 +14,16 @@ namespace stgs::tools {
 Result<encoder::Camera> read_camera(const std::string& path) {
   std::error_code none;
   if (std::filesystem::is_directory(path, none)) {
-    return io_error("{}: cannot open this camera file: it is a folder", path);
+    return io_error("{}: cannot open camera file: this is a folder", path);
   }
   errno = 0;
   std::ifstream file(path);
-  if (!file) return io_error("{}: cannot open this camera file: {}", path, system_message(errno));
+  if (!file) return io_error("{}: cannot open camera file: {}", path, system_message(errno));
   try {
     const Json json = Json::parse(file);
     if (json.contains("start_camera") && json.at("start_camera").is_null()) {
-      return invalid_file("{}: the scene that it tells of has no start camera", path);
+      return invalid_file("{}: start_camera is null: the scene has none; use another camera file",
+                          path);
     }
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
                                      path);
@@ -33,10 +34,10 @@ Result<encoder::Camera> read_camera(const std::string& path) {
 
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file) {
   const std::string name = file + ": start camera";
-  // Before they become signed.
+  // Before the conversion to int.
   if (start.width > kMaxImageSide || start.height > kMaxImageSide) {
-    return invalid_file("{}: {}x{} pixels; a side has at most {}", name, start.width, start.height,
-                        kMaxImageSide);
+    return invalid_file("{}: {}x{} pixels is too large (at most {} per side)", name, start.width,
+                        start.height, kMaxImageSide);
   }
   encoder::Camera camera;
   camera.name = "start";
@@ -83,8 +84,8 @@ Result<std::vector<encoder::Camera>> choose_cameras(const encoder::PreparedCaptu
       if (which == "all" || camera.test == (which == "test")) chosen.push_back(camera);
     }
     if (chosen.empty()) {
-      return usage_error("{}: the capture has no {} cameras; name one, or say all", capture.folder,
-                         which);
+      return usage_error("{}: the capture has no {} cameras; use camera names, or 'all'",
+                         capture.folder, which);
     }
     return chosen;
   }
@@ -93,16 +94,17 @@ Result<std::vector<encoder::Camera>> choose_cameras(const encoder::PreparedCaptu
   for (const std::string& name : split_list(which)) {
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end()) {
-      return usage_error("{}: has no camera '{}'; its cameras are {}", capture.folder, name,
+      return usage_error("{}: no camera '{}'; the cameras are {}", capture.folder, name,
                          fmt::format("{}", fmt::join(names, ", ")));
     }
     if (std::any_of(chosen.begin(), chosen.end(),
                     [&name](const encoder::Camera& camera) { return camera.name == name; })) {
-      return usage_error("camera '{}' is named twice; leave one out", name);
+      return usage_error("camera '{}' is named twice; name it once", name);
     }
     chosen.push_back(capture.cameras[static_cast<std::size_t>(found - names.begin())]);
   }
-  if (chosen.empty()) return usage_error("no camera is named; say test, train, all or names");
+  if (chosen.empty())
+    return usage_error("no camera is selected; use test, train, all, or camera names");
   return chosen;
 }
 

@@ -12,17 +12,17 @@
 
 namespace stgs::tools {
 
-// Reads one camera; also takes the whole document that `stgs info --format json` prints.
+// Reads a camera file, or the start camera from the output of `stgs info --format json`.
 Result<encoder::Camera> read_camera(const std::string& path);
-// The start camera of `file`; kInvalidFile where its size, focal lengths or rotation make no sense.
+// Converts the start camera of `file`. kInvalidFile if its size, focal lengths or rotation are
+// invalid.
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file);
 Json camera_json(const StartCamera& start);
 
-// The same view at another size: the intrinsics are rescaled, an axis each.
+// Returns the same view at another size: each axis of the intrinsics is scaled on its own.
 encoder::Camera resized(encoder::Camera camera, Size size);
 
-// The cameras of a prepared capture that `which` names: "test", "train", "all", or names with
-// commas between.
+// Selects cameras of a prepared capture: "test", "train", "all", or comma-separated names.
 Result<std::vector<encoder::Camera>> choose_cameras(const encoder::PreparedCapture& capture,
                                                     const std::string& which);
 

@@ -6,11 +6,11 @@
 #include <optional>
 
 #include "command.h"
+#include "damage.h"
 #include "import_options.h"
-#include "losses.h"
 #include "options.h"
 #include "output_path.h"
-#include "place.h"
+#include "scene_input.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::tools {
@@ -18,17 +18,17 @@ namespace {
 
 constexpr const char* kOwnName = "STGS";
 
-// What was read, and what is to become of it.
+// The input of a conversion, and its intermediate results.
 struct Conversion {
   const InterchangeFormat* from = nullptr;  // null: .stgs
   const InterchangeFormat* to = nullptr;    // null: .stgs
   Scene scene;
   std::uint64_t bytes_in = 0, primitives_in = 0;
-  std::optional<double> seconds;  // the moment that is kept; none where all are
-  ImportReport found;             // its notes go on with what is lost after reading
+  std::optional<double> seconds;  // the converted time; none: all of the clip
+  ImportReport report;            // later steps append their notes to report.notes
   std::optional<ConversionErrors> errors;
-  DamageReport losses;              // of a damaged .stgs file
-  std::vector<std::string> extras;  // that such a file holds beside its scene
+  DamageReport damage;              // of a .stgs file
+  std::vector<std::string> extras;  // data of a .stgs file besides its scene, not converted
 };
 
 const char* name_of(const InterchangeFormat* format) {
@@ -36,7 +36,7 @@ const char* name_of(const InterchangeFormat* format) {
 }
 
 std::uint64_t bytes_at(const std::string& path) {
-  std::error_code error;  // what cannot be looked at counts nothing
+  std::error_code error;  // unreadable entries count as 0 bytes
   if (!std::filesystem::is_directory(path, error)) {
     const std::uintmax_t bytes = std::filesystem::file_size(path, error);
     return error ? 0 : bytes;
@@ -62,8 +62,8 @@ bool moves_or_fades(const Scene& scene) {
   return false;
 }
 
-// The endings of what can be written, for messages.
-std::string written_endings() {
+// Returns the extensions of the formats that can be written, for messages.
+std::string output_extensions() {
   std::string text = ".stgs";
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write != nullptr) text += fmt::format(", {}", format.extension);
@@ -87,17 +87,16 @@ Json to_json(const ConversionErrors& e) {
           {"sigma_max", e.sigma_max}};
 }
 
-// `timed`: lifespans were written too.
+// `timed`: the output has lifespans.
 std::string to_text(const ConversionErrors& e, bool timed) {
   std::string text = fmt::format(
-      "errors: position {:.3g} at most, {:.3g} rms; log scale {:.3g} at most; rotation {:.3g} "
-      "degrees at most; opacity {:.3g} at most; colour {:.3g} at most, {:.3g} rms; harmonics "
-      "{:.3g} at most, {:.3g} rms",
+      "errors: position {:.3g} max, {:.3g} rms; log scale {:.3g} max; rotation {:.3g} degrees max; "
+      "opacity {:.3g} max; colour {:.3g} max, {:.3g} rms; SH {:.3g} max, {:.3g} rms",
       e.position_max, e.position_rms, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
       e.colour_rms, e.sh_max, e.sh_rms);
   if (timed) {
     text += fmt::format(
-        "; opacity at a frame {:.3g}, time {:.3g} and radius {:.3g} frames, sigma {:.3g} % at most",
+        "; opacity at a frame {:.3g}, time {:.3g} and radius {:.3g} frames, sigma {:.3g} % max",
         e.visibility_max, e.time_max, e.radius_max, 100.0 * std::expm1(e.sigma_max));
   }
   return text + "\n";
@@ -106,29 +105,29 @@ std::string to_text(const ConversionErrors& e, bool timed) {
 class Convert final : public Command {
  public:
   Help help() const override {
-    return {"convert", "From and to the formats of other programs",
-            "Reads .stgs, 3DGS PLY (and PlayCanvas's packed PLY), SPZ 2 to 4, SOG 2 (a bundle, or\n"
-            "a folder of models), .splatv, and a folder of PLY frames, by what is there. Splats\n"
-            "that stay or move straight over frames become one primitive. Writes, by the name's\n"
-            "ending, .stgs, and of one moment .ply, .spz (version 4) or .glb (glTF with\n"
-            "KHR_gaussian_splatting). Axes are turned to those of the target. Reads back what it\n"
-            "wrote, but for .glb, which is not read here, and tells the errors; what is lost is\n"
-            "told on standard error.",
-            "  stgs convert scene.stgs moment.ply --time 1.5\n"
-            "  stgs convert scene.stgs moment.spz --time 1.5\n"
-            "  stgs convert splats.ply splats.stgs --quality 85\n"
-            "  stgs convert frames/ clip.stgs --fps 30"};
+    return {
+        "convert", "Convert from and to other Gaussian-splat formats",
+        "Reads .stgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle or a\n"
+        "folder of models), .splatv, and a folder of PLY frames; the content selects the format.\n"
+        "Splats that are static or move linearly over the frames become one primitive. Writes,\n"
+        "by the extension of OUT, .stgs, or a single time as .ply, .spz (version 4) or .glb\n"
+        "(glTF with KHR_gaussian_splatting). Converts the axes to those of the target. Reads\n"
+        "the output back, except .glb, and reports the errors. Warns on standard error of data\n"
+        "that is lost.",
+        "  stgs convert scene.stgs frame.ply --time 1.5\n"
+        "  stgs convert scene.stgs frame.spz --time 1.5\n"
+        "  stgs convert splats.ply splats.stgs --quality 85\n"
+        "  stgs convert frames/ clip.stgs --fps 30"};
   }
   Shared shared() const override { return {.log_level = true, .threads = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("IN", input_, "The file or folder to read")->required();
-    app.add_option("OUT", output_, "The file to make; its ending says the format")->required();
+    app.add_option("IN", input_, "Input file or folder")->required();
+    app.add_option("OUT", output_, "Output file; its extension selects the format")->required();
     app.add_option("--time", seconds_,
-                   "The moment to keep, seconds; needed where IN has several "
-                   "frames and OUT holds one")
+                   "Time to convert, seconds; required if IN has several frames and OUT holds one")
         ->check(number_between(0, 1e9));
     app.add_option("--quality", quality_,
-                   "For .stgs: 0 (smallest) to 100 (nearest); without it every float is kept")
+                   "For .stgs: 0 (smallest file) to 100 (closest) (default: lossless)")
         ->check(number_between(0, 100));
     import_.declare(app);
   }
@@ -137,32 +136,32 @@ class Convert final : public Command {
     const double begin = now_seconds();
     Conversion work;
     STGS_TRY(check_is_path(input_));
-    STGS_TRY(check_places(work));
+    STGS_TRY(check_paths(work));
     STGS_TRY(read(work));
-    tell_losses(session, input_, work.losses, work.scene.metadata.time_base);
+    warn_of_damage(session, input_, work.damage, work.scene.metadata.time_base);
     for (const std::string& extra : work.extras) {
-      session.log(1, fmt::format("{}: is not carried over: {}", input_, extra));
+      session.log(1, fmt::format("{}: not converted: {}", input_, extra));
     }
-    STGS_TRY(choose_moment(work));
+    STGS_TRY(select_time(work));
     STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(session, work));
     STGS_TRY(read_back(bytes, work));
-    if (interrupted()) return runtime_error("{}: stopped, nothing is written", output_);
+    if (interrupted()) return runtime_error("{}: not written", output_);
     STGS_TRY(write_file_atomically(output_, bytes));
-    for (const std::string& line : work.found.notes) {
+    for (const std::string& line : work.report.notes) {
       session.log(1, fmt::format("{}: {}", output_, line));
     }
     return report(session, work, bytes.size(), now_seconds() - begin);
   }
 
  private:
-  Status check_places(Conversion& work) const {
+  Status check_paths(Conversion& work) const {
     work.to = format_for_output(output_);
     if (work.to == nullptr && file_extension(output_) != ".stgs") {
-      return usage_error("{}: its ending names no format that is written; those are {}", output_,
-                         written_endings());
+      return usage_error("{}: unknown output format; expected a name that ends in {}", output_,
+                         output_extensions());
     }
     if (work.to != nullptr && quality_) {
-      return usage_error("--quality is for .stgs; {} has none", work.to->name);
+      return usage_error("--quality applies to .stgs output, not to {}", work.to->name);
     }
     STGS_TRY(check_can_write(output_));
     return check_distinct({{"IN", input_}, {"OUT", output_}});
@@ -175,85 +174,81 @@ class Convert final : public Command {
       std::error_code error;
       if (std::filesystem::is_directory(input_, error)) {
         return io_error(
-            "{}: the folder holds neither PLY frames (00000.ply, 00001.ply, ...) "
-            "nor a SOG model; name the file or folder that does",
+            "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG model",
             input_);
       }
       STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(input_));
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
-        work.found.notes.push_back("its scene was packed: what that lost stays lost");
+        work.report.notes.push_back("the input was packed before: its quantisation errors remain");
       }
-      STGS_ASSIGN(work.scene, recover_scene(input_, work.losses));
+      STGS_ASSIGN(work.scene, recover_scene(input_, work.damage));
       STGS_ASSIGN(work.extras, scene_extras(input_));
     } else {
       STGS_ASSIGN(work.scene,
-                  read_interchange(*work.from, input_, import_.settings(), {}, work.found));
+                  read_interchange(*work.from, input_, import_.settings(), {}, work.report));
     }
     work.bytes_in = bytes_at(input_);
     work.primitives_in = work.scene.gaussians.size();
     return {};
   }
 
-  // Leaves one moment of the scene where one is asked for, or the target holds no more.
-  Status choose_moment(Conversion& work) const {
+  // Reduces the scene to one time if --time is given or the target holds only one.
+  Status select_time(Conversion& work) const {
     const SceneMetadata& metadata = work.scene.metadata;
     if (!seconds_ && work.to == nullptr) return {};
     if (!seconds_ && metadata.frames > 1) {
-      return usage_error("{} lasts {:.6g} s, and {} holds one moment: choose it with --time",
+      return usage_error("{}: lasts {:.6g} s, but {} holds a single time; select one with --time",
                          input_, metadata.time_base.seconds(metadata.frames), work.to->name);
     }
     work.seconds = seconds_.value_or(0.0);
-    const bool all_still = !moves_or_fades(work.scene);
+    const bool is_static = !moves_or_fades(work.scene);
     const double ticks = metadata.time_base.ticks(*work.seconds);
     STGS_ASSIGN(Gaussians4D set, snapshot_at(work.scene, ticks));
-    note_losses(work, set.size(), all_still);
-    Scene moment = static_scene(std::move(set));
-    const std::uint32_t frames = moment.metadata.frames;
-    moment.metadata = metadata;
-    moment.metadata.frames = frames;
-    moment.metadata.window.reset();
-    work.scene = std::move(moment);
+    note_lost_data(work, set.size(), is_static);
+    Scene snapshot = static_scene(std::move(set));
+    const std::uint32_t frames = snapshot.metadata.frames;
+    snapshot.metadata = metadata;
+    snapshot.metadata.frames = frames;
+    snapshot.metadata.window.reset();
+    work.scene = std::move(snapshot);
     return {};
   }
 
-  // What a moment, and then the target, cannot hold of the scene.
-  void note_losses(Conversion& work, std::size_t seen, bool all_still) const {
-    if (!all_still) {
-      work.found.notes.push_back(
-          fmt::format("holds the moment {:.6g} s alone, without motion and "
-                      "lifespans",
-                      *work.seconds));
+  // Adds a note for data that a single time, or the target format, cannot hold.
+  void note_lost_data(Conversion& work, std::size_t visible, bool is_static) const {
+    if (!is_static) {
+      work.report.notes.push_back(
+          fmt::format("holds {:.6g} s only, without motion and lifespans", *work.seconds));
     }
-    if (seen < work.primitives_in) {
-      work.found.notes.push_back(
-          fmt::format("{} of {} primitives are left out: they are not seen at "
-                      "that moment (opacity below 1/255)",
-                      work.primitives_in - seen, work.primitives_in));
+    if (visible < work.primitives_in) {
+      work.report.notes.push_back(fmt::format(
+          "{} of {} primitives are dropped: not visible at that time (opacity below 1/255)",
+          work.primitives_in - visible, work.primitives_in));
     }
     if (work.to == nullptr) return;
     const SceneMetadata& m = work.scene.metadata;
     std::string lost;
-    const auto lose = [&lost](const char* what) {
-      lost += fmt::format("{}{}", lost.empty() ? "" : ", ", what);
+    const auto lose = [&lost](const char* item) {
+      lost += fmt::format("{}{}", lost.empty() ? "" : ", ", item);
     };
     if (m.start_camera) lose("the start camera");
     if (std::any_of(m.background, m.background + 3, [](float v) { return v != 0.0f; })) {
-      lose("the background's colour");
+      lose("the background colour");
     }
     if (!m.title.empty()) lose("the title");
-    if (m.metres_per_unit > 0) lose("how many metres a unit is");
+    if (m.metres_per_unit > 0) lose("the metres per unit");
     if (std::any_of(m.up, m.up + 3, [](float v) { return v != 0.0f; })) {
-      lose("what is up and where the floor is");
+      lose("the up direction and the floor");
     }
-    if (!m.audio.empty()) lose("where the sound is");
+    if (!m.audio.empty()) lose("the audio location");
     if (!lost.empty())
-      work.found.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
+      work.report.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }
 
   Result<std::vector<std::uint8_t>> encode(Session& session, Conversion& work) const {
     if (work.to != nullptr) {
       Result<std::vector<std::uint8_t>> bytes =
-          work.to->write(work.scene.gaussians, &work.found.notes);
+          work.to->write(work.scene.gaussians, &work.report.notes);
       if (bytes.ok()) return bytes;
       return Status(bytes.status().code(),
                     fmt::format("{}: {}", output_, bytes.status().message()));
@@ -266,38 +261,38 @@ class Convert final : public Command {
     std::vector<std::uint32_t> order;
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
     if (order.size() < work.scene.gaussians.size()) {
-      work.found.notes.push_back(fmt::format("{} primitives are left out: they are never visible",
-                                             work.scene.gaussians.size() - order.size()));
+      work.report.notes.push_back(fmt::format("{} primitives are dropped: never visible",
+                                              work.scene.gaussians.size() - order.size()));
     }
-    // In the order of the file, so that what is read back can be compared.
+    // In file order, for the comparison with the decoded output.
     work.scene.gaussians = work.scene.gaussians.gather(order);
     return bytes;
   }
 
-  // What is published has been read once, where it can be read.
+  // Decodes the output before it is published, if the format can be read, and measures its errors.
   Status read_back(const std::vector<std::uint8_t>& bytes, Conversion& work) const {
     if (work.to != nullptr && work.to->read == nullptr) return {};
-    Scene got;
+    Scene decoded;
     if (work.to == nullptr) {
-      STGS_ASSIGN(got, read_scene(memory_source(bytes, output_)));
+      STGS_ASSIGN(decoded, read_scene(memory_source(bytes, output_)));
     } else {
-      STGS_ASSIGN(got, work.to->read(*memory_source(bytes, output_), {}, nullptr));
+      STGS_ASSIGN(decoded, work.to->read(*memory_source(bytes, output_), {}, nullptr));
     }
-    STGS_ASSIGN(work.errors, conversion_errors(work.scene.gaussians, got));
+    STGS_ASSIGN(work.errors, conversion_errors(work.scene.gaussians, decoded));
     note_rounding(work);
     return {};
   }
 
-  // A packed .stgs was asked for with its quality; the rounding of another format was not.
+  // Notes the rounding of foreign formats. That of a packed .stgs was requested with --quality.
   static void note_rounding(Conversion& work) {
-    constexpr double kExact = 1e-4;  // degrees; what is left of comparing quaternions in floats
+    constexpr double kExact = 1e-4;  // degrees; float error of comparing quaternions
     const ConversionErrors& e = *work.errors;
     const bool exact = e.position_max == 0 && e.log_scale_max == 0 && e.rotation_max < kExact &&
                        e.opacity_max == 0 && e.colour_max == 0 && e.sh_max == 0;
     if (work.to == nullptr || exact) return;
-    work.found.notes.push_back(fmt::format(
+    work.report.notes.push_back(fmt::format(
         "{} rounds or clips: positions by up to {:.2g}, log scales by {:.2g}, rotations by {:.2g} "
-        "degrees, opacities by {:.2g}, colours by {:.2g}, harmonics by {:.2g}",
+        "degrees, opacities by {:.2g}, colours by {:.2g}, SH by {:.2g}",
         work.to->name, e.position_max, e.log_scale_max, e.rotation_max, e.opacity_max, e.colour_max,
         e.sh_max));
   }
@@ -320,20 +315,20 @@ class Convert final : public Command {
                  {"bytes_out", bytes_out},
                  {"bytes_per_primitive", each},
                  {"errors", work.errors ? to_json(*work.errors) : Json(nullptr)},
-                 {"notes", work.found.notes},
-                 {"damaged", losses_json(work.losses)},
+                 {"notes", work.report.notes},
+                 {"damaged", damage_json(work.damage)},
                  {"not_converted", work.extras},
                  {"seconds", seconds},
                  {"peak_memory", peak_memory()}};
-    json.update(import_json(work.found));
+    json.update(import_json(work.report));
     std::string text =
-        fmt::format("{}: {} primitives of {} to {}, {} to {}, {:.1f} bytes a primitive\n", output_,
-                    primitives, name_of(work.from), name_of(work.to), human_bytes(work.bytes_in),
-                    human_bytes(bytes_out), each);
-    text += import_text(work.found);
+        fmt::format("{}: {} primitives from {} to {}, {} to {}, {:.1f} bytes per primitive\n",
+                    output_, primitives, name_of(work.from), name_of(work.to),
+                    human_bytes(work.bytes_in), human_bytes(bytes_out), each);
+    text += import_text(work.report);
     text += work.errors
                 ? to_text(*work.errors, work.to == nullptr)
-                : fmt::format("errors: not measured, {} is not read here\n", name_of(work.to));
+                : fmt::format("errors: not measured ({} cannot be read back)\n", name_of(work.to));
     return session.emit(json, text);
   }
 

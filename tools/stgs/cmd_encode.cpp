@@ -11,7 +11,7 @@
 namespace stgs::tools {
 namespace {
 
-// When a file was written; none where there is no such file.
+// The modification time of a file; none if it does not exist.
 using WriteTime = std::optional<std::filesystem::file_time_type>;
 
 WriteTime write_time(const std::string& path) {
@@ -20,7 +20,8 @@ WriteTime write_time(const std::string& path) {
   return error ? WriteTime() : time;
 }
 
-// A checkpoint that lay there before may be of a capture that is no more.
+// Returns whether the file was written since `before`. An older checkpoint may belong to a capture
+// that has been replaced.
 bool was_written(const std::string& path, const WriteTime& before) {
   return write_time(path) && write_time(path) != before;
 }
@@ -29,12 +30,12 @@ class Encode final : public Command {
  public:
   Help help() const override {
     return {
-        "encode", "From a capture to a .stgs file: prepare, train and pack in one go",
-        "Works in a temporary folder beside the output, removed at the end; --keep-work keeps\n"
-        "the prepared capture and the lossless scene instead. Takes the options of the three\n"
-        "verbs. Ctrl-C stops it; an output that was there before stays as it was. --checkpoint\n"
-        "and --resume need --keep-work: a training goes on from the capture that is prepared\n"
-        "there, which --resume does not prepare again.",
+        "encode", "Encode a capture to a .stgs file: prepare, train and pack",
+        "Accepts the options of the three verbs. Works in a temporary folder next to the output\n"
+        "and removes it at the end; --keep-work keeps the prepared capture and the lossless\n"
+        "scene. Ctrl-C stops it and leaves an existing output unchanged. --checkpoint and\n"
+        "--resume require --keep-work: training resumes on the capture prepared there, and\n"
+        "--resume does not prepare it again.",
         "  stgs encode capture/ -o scene.stgs\n"
         "  stgs encode capture/ -o scene.stgs --preset fast --frames 0:60 --keep-work work/\n"
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --checkpoint work/run.ckpt\n"
@@ -42,10 +43,10 @@ class Encode final : public Command {
   }
   Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
-    app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
-    app.add_option("-o,--output", output_, "The .stgs file to make")->required();
+    app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
+    app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--keep-work", keep_work_,
-                   "Folder that keeps prepared/ and trained.stgs afterwards, for --resume too");
+                   "Keep prepared/ and trained.stgs in this folder, also for --resume");
     prepare_.declare(app);
     train_.declare(app);
     pack_.declare(app);
@@ -54,26 +55,28 @@ class Encode final : public Command {
   Status run(Session& session) override {
     if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
       return usage_error(
-          "{} has started {} processes, and encode runs as one: run 'stgs prepare', then 'stgs "
-          "train' with them, then 'stgs pack'",
+          "encode runs as one process, but {} has started {}; run 'stgs prepare', then 'stgs "
+          "train' "
+          "with several processes, then 'stgs pack'",
           launch.launcher, launch.size);
     }
-    const auto kept = [this](const char* name) {
+    const auto work_path = [this](const char* name) {
       return NamedPath{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
     STGS_ASSIGN(
         const auto training,
-        train_.settings(session, {{"--output", output_}, kept("/prepared"), kept("/trained.stgs")},
+        train_.settings(session,
+                        {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
-    STGS_TRY(check_going_on(training));
+    STGS_TRY(check_resumable(training));
     STGS_TRY(check_can_write(output_));
     STGS_TRY(check_profile(pack_.settings().profile));
     STGS_TRY(encoder::check_up_and_floor(pack_.settings()));
-    // Before the long prepare; again when it knows how large the pictures are.
+    // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
-    if (!training.resume.empty()) STGS_TRY(check_kept());
+    if (!training.resume.empty()) STGS_TRY(check_prepared());
     for (const std::string& folder : remove_stale_work(output_)) {
-      session.log(2, fmt::format("{}: removed, a killed encode had left it", folder));
+      session.log(2, fmt::format("{}: removed; left over from a killed encode", folder));
     }
     const std::string work = keep_work_.empty() ? work_name(output_) : keep_work_;
     std::error_code error;
@@ -89,11 +92,11 @@ class Encode final : public Command {
       const double then = std::exchange(begin, now_seconds());
       return begin - then;
     };
-    STGS_TRY(prepare_or_go_on(prepared, training, session));
+    STGS_TRY(prepare_or_resume(prepared, training, session));
     seconds[0] = lap();
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     const WriteTime checkpoint_before = write_time(training.checkpoint);
-    STGS_TRY(told_how_to_go_on(
+    STGS_TRY(with_resume_hint(
         train_to_file(capture, trained, train_.report(), training, session, train_report), training,
         checkpoint_before));
     seconds[1] = lap();
@@ -108,50 +111,47 @@ class Encode final : public Command {
   }
 
  private:
-  // kUsage where a training could not go on: its capture, prepared again, is another.
-  Status check_going_on(const encoder::TrainSettings& training) const {
+  // kUsage if the training could not be resumed: a capture that is prepared again differs.
+  Status check_resumable(const encoder::TrainSettings& training) const {
     if (training.resume.empty() && training.checkpoint.empty()) return {};
     if (keep_work_.empty()) {
       return usage_error(
-          "{} needs the prepared capture that a training goes on from: add --keep-work FOLDER, "
-          "which keeps it",
+          "{} requires --keep-work FOLDER, which keeps the prepared capture to resume on",
           training.resume.empty() ? "--checkpoint" : "--resume");
     }
-    if (training.resume.empty() || !prepare_.overwrites()) return {};
-    return usage_error(
-        "--resume goes on from {}/prepared, and --overwrite replaces it; leave one out",
-        keep_work_);
+    if (training.resume.empty() || !prepare_.overwrite()) return {};
+    return usage_error("--resume reads {}/prepared, but --overwrite replaces it; use one of them",
+                       keep_work_);
   }
 
-  Status check_kept() const {
+  Status check_prepared() const {
     const std::string prepared = keep_work_ + "/prepared";
     if (std::filesystem::exists(prepared)) return {};
     return io_error(
-        "{}: is missing: --resume goes on from the capture that was prepared there; give the "
-        "--keep-work of the run that wrote the checkpoint",
+        "{}: not found; --resume needs the --keep-work folder of the run that wrote the checkpoint",
         prepared);
   }
 
-  Status prepare_or_go_on(const std::string& prepared, const encoder::TrainSettings& training,
-                          Session& session) const {
+  Status prepare_or_resume(const std::string& prepared, const encoder::TrainSettings& training,
+                           Session& session) const {
     const auto fits = [&training](const encoder::PreparedCapture& capture) {
       return encoder::check_training(training, &capture);
     };
     if (training.resume.empty()) return prepare_stage(capture_, prepared, prepare_, session, fits);
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
-    session.log(2,
-                fmt::format("{}: goes on from it; {} is not prepared again", prepared, capture_));
+    session.log(2, fmt::format("{}: resuming on it; {} is not prepared again", prepared, capture_));
     return fits(capture);
   }
 
-  // What became of the training, with the command that goes on where it was stopped.
-  Status told_how_to_go_on(const Status& trained, const encoder::TrainSettings& training,
-                           const WriteTime& checkpoint_before) const {
+  // Adds the command that resumes to the status of an interrupted training.
+  Status with_resume_hint(const Status& trained, const encoder::TrainSettings& training,
+                          const WriteTime& checkpoint_before) const {
     const bool stopped = trained.code() == StatusCode::kRuntime && interrupted();
     if (!stopped || !was_written(training.checkpoint, checkpoint_before)) return trained;
-    return runtime_error("{}: stopped while training; go on by the same command with --resume {}{}",
-                         output_, training.checkpoint,
-                         prepare_.overwrites() ? " in place of --overwrite" : "");
+    return runtime_error(
+        "{}: training is incomplete; to resume, run the same command with --resume "
+        "{}{}",
+        output_, training.checkpoint, prepare_.overwrite() ? " instead of --overwrite" : "");
   }
 
   Status report(Session& session, const encoder::TrainReport& train,
@@ -169,12 +169,12 @@ class Encode final : public Command {
         {"peak_memory", peak_memory()}};
     return session.emit(
         json,
-        fmt::format("{}: {} primitives ({} never visible left out), {}, {:.1f} bytes a primitive\n"
-                    "{}prepare {:.1f} s, train {:.1f} s ({} steps), pack {:.1f} s, peak memory "
+        fmt::format("{}: {} primitives ({} never visible dropped), {}, {:.1f} bytes per primitive\n"
+                    "{}prepare {:.1f} s, train {:.1f} s ({}), pack {:.1f} s, peak memory "
                     "{}\n",
                     output_, pack.primitives, pack.dropped, human_bytes(pack.bytes_out),
-                    pack.bytes_per_primitive, loss_text(pack), seconds[0], seconds[1],
-                    train.iterations, seconds[2], human_bytes(peak_memory())));
+                    pack.bytes_per_primitive, quality_text(pack), seconds[0], seconds[1],
+                    plural(train.iterations, "step"), seconds[2], human_bytes(peak_memory())));
   }
 
   std::string capture_, output_, keep_work_;

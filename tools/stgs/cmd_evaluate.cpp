@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "camera_file.h"
 #include "command.h"
+#include "image_io.h"
 #include "moving.h"
 #include "options.h"
-#include "picture.h"
-#include "place.h"
+#include "scene_input.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/image_drift.h"
@@ -22,10 +21,10 @@ namespace {
 struct Scores {
   double mse = 0, psnr = 0, psnr_cc = 0, ssim = 0, ssim_2 = 0;
   ErrorSum moving;           // summed, never averaged
-  std::uint64_t pixels = 0;  // that were looked at for it; 0 without a background
+  std::uint64_t pixels = 0;  // tested for motion; 0 without a background
 };
 
-// Means over frames, and the PSNR of the mean squared error.
+// Returns the means over frames; `moving` and `pixels` are sums.
 Scores mean_of(const std::vector<Scores>& all) {
   Scores mean;
   for (const Scores& s : all) {
@@ -74,64 +73,64 @@ Json to_json(const CameraCoverage& c) {
   return {{"by_none", c.by_none}, {"by_one", c.by_one}, {"by_more", c.by_more}};
 }
 
-Result<Scores> score(const Image& picture, const encoder::PreparedCapture& capture,
+Result<Scores> score(const Image& image, const encoder::PreparedCapture& capture,
                      const encoder::Camera& camera, int frame, const encoder::Image8& background) {
   STGS_ASSIGN(const encoder::Image8 loaded, encoder::load_frame(capture, camera, frame));
-  const Image truth = encoder::to_float(loaded);
-  STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(picture, truth));
+  const Image ground_truth = encoder::to_float(loaded);
+  STGS_ASSIGN(const encoder::Ssim similarity, encoder::ssim(image, ground_truth));
   Scores s;
-  s.mse = encoder::mean_squared_error(picture, truth);
+  s.mse = encoder::mean_squared_error(image, ground_truth);
   s.psnr = encoder::psnr_of(s.mse);
-  s.psnr_cc = encoder::psnr_of(encoder::colour_corrected_error(picture, truth));
+  s.psnr_cc = encoder::psnr_of(encoder::colour_corrected_error(image, ground_truth));
   s.ssim = similarity.range_1;
   s.ssim_2 = similarity.range_2;
   if (!background.data.empty()) {
-    s.moving = moving_error(picture, loaded, background);
+    s.moving = moving_error(image, loaded, background);
     s.pixels = static_cast<std::uint64_t>(loaded.width) * loaded.height;
   }
   return s;
 }
 
-// One camera at one frame, on its way from the renderer to its scores.
+// A rendered frame of one camera, to be scored.
 struct Job {
   std::size_t camera = 0;
   int frame = 0;
-  Image picture;
+  Image image;
 };
 
 class Evaluate final : public Command {
  public:
   Help help() const override {
     return {
-        "evaluate", "Measure a .stgs file against a prepared capture",
-        "Renders the chosen cameras at every frame of the capture and compares with its\n"
-        "pictures. The render is clamped to [0,1] and not rounded to 8 bits. psnr: mean of the\n"
-        "pictures' PSNR; psnr_pooled: PSNR of the mean squared error of all; psnr_cc: after\n"
-        "the affine colour map (3x4, render to truth) that is best for each picture; ssim:\n"
-        "11x11 Gaussian window of sigma 1.5, mean over RGB and over windows inside the\n"
-        "picture, data range 1; ssim_2: the same with data range 2; psnr_moving: PSNR of the\n"
-        "mean squared error over the pixels that move, of all frames: those where a channel of\n"
-        "the truth differs by more than 20 of 255 from the camera's background, the median of\n"
-        "at most 15 of the evaluated frames; none with fewer than 5. static drift: how many\n"
-        "pixels the centre of a primitive whose support covers the clip moves over the clip,\n"
-        "from first to last frame, mean over the training cameras that see it, then over the\n"
-        "primitives, each alike or by its opacity. seen: how many primitives no training\n"
-        "camera sees, one alone, or more, by their centres; what two cameras do not see has a\n"
-        "depth that nothing holds. A window of a capture is measured at its own frames; in a\n"
-        "file of several windows those of a primitive's own stand in for the clip.",
+        "evaluate", "Measure the quality of a .stgs file against a prepared capture",
+        "Renders the selected cameras at every frame of the capture and compares with its\n"
+        "images. Renders are clamped to [0,1] and not rounded to 8 bits. psnr: mean PSNR of the\n"
+        "images; psnr_pooled: PSNR of the mean squared error of all images; psnr_cc: PSNR after\n"
+        "the best affine colour map (3x4, render to ground truth) of each image; ssim: 11x11\n"
+        "Gaussian window with sigma 1.5, mean over RGB and over the windows inside the image,\n"
+        "data range 1; ssim_2: the same with data range 2; psnr_moving: PSNR of the mean squared\n"
+        "error over the moving pixels of all frames, those where a channel of the ground truth\n"
+        "differs by more than 20 of 255 from the background of the camera, the median of at most\n"
+        "15 evaluated frames (none with fewer than 5). static drift: pixels that the centre of a\n"
+        "primitive whose support covers the clip moves from the first to the last frame, mean\n"
+        "over the training cameras that see it, then over the primitives, unweighted and\n"
+        "weighted by opacity. coverage: number of primitives whose centre is seen by no training\n"
+        "camera, by one, or by several; the depth of those seen by fewer than two is not\n"
+        "constrained. A training window is measured at its own frames. In a file of several\n"
+        "windows, the window of a primitive stands for the clip.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
   }
 
   Shared shared() const override {
-    return {.progress = true, .backend = "What draws", .threads = true};
+    return {.progress = true, .backend = "Renderer", .threads = true};
   }
   void declare(CLI::App& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
-    app.add_option("--against", folder_, "Prepared capture")->required();
-    app.add_option("--cameras", which_, "test, train, all, or names with commas")
+    app.add_option("--against", folder_, "Prepared capture to compare with")->required();
+    app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")
         ->capture_default_str();
-    app.add_option("--every", every_, "Only every Nth frame, from the first")
+    app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
   }
@@ -148,7 +147,7 @@ class Evaluate final : public Command {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
-    STGS_TRY(look_from_training_cameras(session));
+    STGS_TRY(measure_static(session));
     return report(session);
   }
 
@@ -169,8 +168,8 @@ class Evaluate final : public Command {
     return {};
   }
 
-  // Renders one picture after the other (each with all threads) while earlier ones are scored; only
-  // as many pictures as there are threads are held.
+  // Renders one frame after the other, each with all threads, while earlier ones are scored. Holds
+  // at most one frame per thread.
   Status measure(Session& session, player::Timeline& timeline, player::Renderer& renderer) {
     const auto frames = static_cast<std::size_t>((capture_.frames + every_ - 1) / every_);
     const std::size_t total = frames * cameras_.size();
@@ -181,21 +180,21 @@ class Evaluate final : public Command {
     const auto render = [&]() -> std::optional<Job> {
       if (next == total || !rendering.ok()) return std::nullopt;
       Job job;
-      // All cameras of a moment together: what is alive is decoded once.
+      // All cameras of a frame together, so that its segments are decoded once.
       job.camera = next % cameras_.size();
       job.frame = static_cast<int>(next / cameras_.size()) * every_;
       ++next;
-      rendering = draw(timeline, renderer, job);
+      rendering = render_job(timeline, renderer, job);
       if (rendering.ok() && !session.progress("evaluate", next, total)) {
         rendering = runtime_error("the evaluation is not complete");
       }
       return job;
     };
     const auto compare = [&](const Job& job) {
-      if (job.picture.data.empty()) return;
+      if (job.image.data.empty()) return;
       const auto frame = static_cast<std::size_t>(job.frame / every_);
       auto result =
-          score(job.picture, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
+          score(job.image, capture_, cameras_[job.camera], job.frame, backgrounds_[job.camera]);
       if (result.ok()) {
         scores_[job.camera][frame] = *result;
       } else {
@@ -208,8 +207,9 @@ class Evaluate final : public Command {
     return {};
   }
 
-  Status look_from_training_cameras(Session& session) {
-    STGS_ASSIGN(const Scene scene, read_place(session, file_));
+  // Measures the drift and the coverage, by the training cameras.
+  Status measure_static(Session& session) {
+    STGS_ASSIGN(const Scene scene, load_scene(session, file_));
     std::vector<math::PinholeCamera> training;
     for (const encoder::Camera& camera : capture_.cameras) {
       if (!camera.test) training.push_back(camera.pinhole(scene.metadata.near_plane));
@@ -219,17 +219,17 @@ class Evaluate final : public Command {
     return {};
   }
 
-  Status draw(player::Timeline& timeline, player::Renderer& renderer, Job& job) {
+  Status render_job(player::Timeline& timeline, player::Renderer& renderer, Job& job) {
     const SceneMetadata& metadata = timeline.metadata();
     const float* b = metadata.background;
     const player::View view{cameras_[job.camera].pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
     std::vector<player::Frame> frames;
     const double seconds = metadata.time_base.seconds(job.frame);
-    STGS_TRY(at_moment(renderer.render(timeline, seconds, {view}, frames, nullptr), shown_file(),
-                       seconds));
-    STGS_TRY(encoder::check_finite(frames[0].colour, moment_name(shown_file(), seconds)));
-    job.picture = std::move(frames[0].colour);
-    for (float& v : job.picture.data) v = std::clamp(v, 0.0f, 1.0f);
+    STGS_TRY(with_render_time(renderer.render(timeline, seconds, {view}, frames, nullptr),
+                              shown_file(), seconds));
+    STGS_TRY(encoder::check_finite(frames[0].colour, name_at_time(shown_file(), seconds)));
+    job.image = std::move(frames[0].colour);
+    for (float& v : job.image.data) v = std::clamp(v, 0.0f, 1.0f);
     return {};
   }
 
@@ -238,7 +238,7 @@ class Evaluate final : public Command {
     Json views = Json::array();
     std::string text =
         fmt::format("{:<16} {:>9} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8}  {}\n", "camera", "size",
-                    "frames", "psnr", "psnr_cc", "ssim", "ssim_2", "moving", "of the pixels");
+                    "frames", "psnr", "psnr_cc", "ssim", "ssim_2", "moving", "pixels");
     const auto row = [&text](const std::string& name, const std::string& size, std::size_t frames,
                              const Scores& s) {
       text += fmt::format("{:<16} {:>9} {:>7} {:>8.3f} {:>8.3f} {:>8.4f} {:>8.4f} {:>8}  {}\n",
@@ -261,14 +261,14 @@ class Evaluate final : public Command {
     const Scores mean = mean_of(all);
     row("mean", "", all.size(), mean);
     text += fmt::format(
-        "static drift {:.4f} px over the clip ({:.4f} by opacity, median {:.4f}) of the {} "
-        "primitives that cover it, {} of them within {} px\n",
+        "static drift {:.4f} px over the clip (opacity-weighted {:.4f}, median {:.4f}), {} "
+        "primitives "
+        "that cover the clip, {} of them within {} px\n",
         drift_.mean, drift_.opacity_weighted, drift_.median, drift_.primitives, drift_.within_bound,
         kStaticDrift);
-    text +=
-        fmt::format("primitives that no training camera sees {}, that one alone sees {}, more {}\n",
-                    coverage_.by_none, coverage_.by_one, coverage_.by_more);
-    text += fmt::format("psnr of the pooled error {:.3f}, peak memory {}\n",
+    text += fmt::format("primitives seen by no training camera {}, by one {}, by several {}\n",
+                        coverage_.by_none, coverage_.by_one, coverage_.by_more);
+    text += fmt::format("psnr of the pooled error {:.3f} dB, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));
     Json json = {{"file", shown_file()},
                  {"against", folder_},
@@ -287,8 +287,8 @@ class Evaluate final : public Command {
   int every_ = 1;
   encoder::PreparedCapture capture_;
   std::vector<encoder::Camera> cameras_;
-  std::vector<encoder::Image8> backgrounds_;  // a camera; empty without a median
-  std::vector<std::vector<Scores>> scores_;   // camera, frame
+  std::vector<encoder::Image8> backgrounds_;  // per camera; empty images without a median
+  std::vector<std::vector<Scores>> scores_;   // [camera][frame]
   ImageDrift drift_;
   CameraCoverage coverage_;
 };

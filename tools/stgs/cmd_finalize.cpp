@@ -3,9 +3,9 @@
 #include <filesystem>
 
 #include "command.h"
-#include "losses.h"
+#include "damage.h"
 #include "output_path.h"
-#include "place.h"
+#include "scene_input.h"
 #include "stgs/format/scene_recorder.h"
 
 namespace stgs::tools {
@@ -14,32 +14,33 @@ namespace {
 class Finalize final : public Command {
  public:
   Help help() const override {
-    return {"finalize", "Give a live recording its index at the front",
-            "Copies a file that was recorded live, also one that was cut off, to a file that a\n"
-            "player opens with one read. Every record keeps its bytes, also one that is damaged,\n"
-            "which readers pass over. What is damaged is told on standard error, and what is left\n"
-            "out: what follows the last complete fragment, or only a damaged one lists.\n"
-            "A finished file whose head is damaged gets it back from its copy.",
-            "  stgs finalize live.stgs -o scene.stgs"};
+    return {
+        "finalize", "Move the index of a live recording to the front",
+        "Copies a live recording, complete or cut off, to a file that a player opens with one\n"
+        "read. Copies every record unchanged, including damaged ones, which readers skip. Warns\n"
+        "on standard error of damage and of dropped data: bytes after the last complete\n"
+        "fragment, and fragments that only a damaged index lists.\n"
+        "For a finished file with a damaged head, restores the head from its copy.",
+        "  stgs finalize live.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.log_level = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("FILE", input_, "The recording, a .stgs file")->required();
-    app.add_option("-o,--output", output_, "The .stgs file to make")->required();
+    app.add_option("FILE", input_, "The recording (.stgs)")->required();
+    app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
   }
   Status run(Session& session) override {
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_can_write(output_));
-    std::error_code missing;  // where there is none yet, it is another file
+    std::error_code missing;  // an output that does not exist is a different file
     if (std::filesystem::equivalent(input_, output_, missing)) {
-      return usage_error("{}: is the recording itself; name another output", output_);
+      return usage_error("{}: this is the recording itself; use another output", output_);
     }
     STGS_ASSIGN(const auto recording, SceneReader::open(input_));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
-    DamageReport losses;
-    STGS_TRY(finalize_scene(std::move(source), output_, losses));
+    DamageReport damage;
+    STGS_TRY(finalize_scene(std::move(source), output_, damage));
     STGS_ASSIGN(const auto finished, SceneReader::open(output_));
-    tell_losses(session, input_, losses, finished->metadata().time_base);
+    warn_of_damage(session, input_, damage, finished->metadata().time_base);
     const bool closed = recording->form() != SceneForm::kGrowing;
     const Json json = {{"input", input_},
                        {"output", output_},
@@ -49,11 +50,12 @@ class Finalize final : public Command {
                        {"parts", finished->parts().size()},
                        {"bytes_in", recording->file_bytes() + recording->incomplete_bytes()},
                        {"bytes_out", finished->file_bytes()},
-                       {"incomplete_bytes", losses.incomplete_bytes},
-                       {"damaged", losses_json(losses)}};
-    std::string text = fmt::format("{}: {} frames, {} primitives in {} parts, {}\n", output_,
-                                   finished->metadata().frames, finished->primitives(),
-                                   finished->parts().size(), human_bytes(finished->file_bytes()));
+                       {"incomplete_bytes", damage.incomplete_bytes},
+                       {"damaged", damage_json(damage)}};
+    std::string text = fmt::format(
+        "{}: {}, {} primitives in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
+        finished->primitives(), plural(std::ssize(finished->parts()), "part"),
+        human_bytes(finished->file_bytes()));
     if (!closed) text += "the recording was not closed\n";
     return session.emit(json, text);
   }

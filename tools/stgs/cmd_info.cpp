@@ -6,8 +6,8 @@
 
 #include "camera_file.h"
 #include "command.h"
-#include "place.h"
 #include "printable.h"
+#include "scene_input.h"
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/scene_statistics.h"
@@ -17,8 +17,8 @@ namespace stgs::tools {
 namespace {
 
 constexpr int kFileSize = 106;  // issue number, spec/conformance.md
-// Rows of a table in text; JSON has all.
-constexpr std::size_t kMostRows = 1000;
+// Limit of the rows of a table in text. JSON has all rows.
+constexpr std::size_t kMaxRows = 1000;
 
 double bytes_per_primitive(const SceneReader& reader) {
   return reader.primitives() == 0
@@ -39,12 +39,12 @@ Json to_json(const DecoderNeeds& needs) {
 
 std::string to_text(const DecoderNeeds& needs) {
   return fmt::format(
-      "  decoder          {}: at most {} primitives at a moment ({} in {} ranges, {} decoded); {} "
-      "to start, then {:.3g} Mbit/s and {:.3g} million primitives/s\n",
-      needs.level > 0 ? fmt::format("level {}", needs.level) : "beyond every level",
-      needs.primitives, human_bytes(needs.bytes), needs.ranges, human_bytes(needs.decoded_bytes),
-      human_bytes(needs.startup_bytes), needs.bits_per_second * 1e-6,
-      needs.primitives_per_second * 1e-6);
+      "  decoder          {}: peak {} primitives ({} in {}, {} decoded); {} to start, then {:.3g} "
+      "Mbit/s and {:.3g} million primitives/s\n",
+      needs.level > 0 ? fmt::format("level {}", needs.level) : "above all levels", needs.primitives,
+      human_bytes(needs.bytes), plural(static_cast<std::int64_t>(needs.ranges), "range"),
+      human_bytes(needs.decoded_bytes), human_bytes(needs.startup_bytes),
+      needs.bits_per_second * 1e-6, needs.primitives_per_second * 1e-6);
 }
 
 const char* form_name(SceneForm form) {
@@ -78,7 +78,7 @@ Json segments_json(const SceneReader& reader) {
   return segments;
 }
 
-// What one record of each segment adds to a picture, in the order in which they are worth fetching.
+// One record of each segment. Layers are ordered by the priority of fetching them.
 struct Layer {
   const char* content = "primitives";
   int tier = 0;
@@ -86,22 +86,22 @@ struct Layer {
 };
 
 std::vector<Layer> layers_of(const SceneReader& reader) {
-  std::vector<Layer> primitives, harmonics;
+  std::vector<Layer> primitives, sh;
   for (const SegmentInfo& segment : reader.segments()) {
     for (int t = static_cast<int>(primitives.size()); t <= segment.tier; ++t) {
       primitives.push_back({"primitives", t, 0, 0});
-      harmonics.push_back({"sh", t, 0, 0});
+      sh.push_back({"sh", t, 0, 0});
     }
     Layer& base = primitives[static_cast<std::size_t>(segment.tier)];
     base.primitives += segment.primitives;
     base.bytes += segment.bytes;
     if (segment.sh_bytes == 0) continue;
-    Layer& detail = harmonics[static_cast<std::size_t>(segment.tier)];
+    Layer& detail = sh[static_cast<std::size_t>(segment.tier)];
     detail.primitives += segment.primitives;
     detail.bytes += segment.sh_bytes;
   }
   std::vector<Layer> layers = primitives;
-  for (const Layer& layer : harmonics) {
+  for (const Layer& layer : sh) {
     if (layer.bytes > 0) layers.push_back(layer);
   }
   return layers;
@@ -127,16 +127,16 @@ Json damage_json(const SceneReader& reader) {
   return damage;
 }
 
-Json lost_json(const SceneReader& reader) {
+Json lost_fragments_json(const SceneReader& reader) {
   const TimeBase& base = reader.metadata().time_base;
-  Json stretches = Json::array();
+  Json fragments = Json::array();
   for (const LostFragment& lost : reader.lost_fragments()) {
-    stretches.push_back({{"begin_s", base.seconds(lost.range.begin)},
+    fragments.push_back({{"begin_s", base.seconds(lost.range.begin)},
                          {"end_s", base.seconds(lost.range.end)},
                          {"offset", lost.offset},
                          {"bytes", lost.bytes}});
   }
-  return stretches;
+  return fragments;
 }
 
 bool has_up(const SceneMetadata& metadata) {
@@ -155,7 +155,7 @@ Json to_json(const SceneReader& reader, const std::string& path) {
                {"missing_bytes", reader.missing_bytes()},
                {"complete_s", m.time_base.seconds(reader.complete_ticks())},
                {"damage", damage_json(reader)},
-               {"lost_fragments", lost_json(reader)},
+               {"lost_fragments", lost_fragments_json(reader)},
                {"head_bytes", reader.head_bytes()},
                {"primitives", reader.primitives()},
                {"bytes_per_primitive", bytes_per_primitive(reader)},
@@ -210,9 +210,9 @@ Json to_json(const SceneReader& reader, const std::string& path) {
   return json;
 }
 
-std::string rows_left_out(std::size_t rows, const char* of_what) {
-  if (rows <= kMostRows) return {};
-  return fmt::format("  and {} more {}: --format json lists all\n", rows - kMostRows, of_what);
+std::string omitted_rows(std::size_t rows, const char* noun) {
+  if (rows <= kMaxRows) return {};
+  return fmt::format("  and {} more {}; --format json lists all\n", rows - kMaxRows, noun);
 }
 
 std::string to_text(const SceneReader& reader, const std::string& path) {
@@ -220,28 +220,28 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   std::string out = fmt::format(
       "{}\n"
       "  format           {}.{}, {}\n"
-      "  size             {} ({} bytes), index and all before it {}\n"
-      "  primitives       {}, {:.1f} bytes each, harmonics to degree {}\n"
-      "  duration         {:.3f} s, {} frames at {:.6g} a second\n"
+      "  size             {} ({} bytes), head with index {}\n"
+      "  primitives       {}, {:.1f} bytes each, SH degree {}\n"
+      "  duration         {:.3f} s, {} at {:.6g} fps\n"
       "  bounds           {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}\n",
       path, reader.version_major(), reader.version_minor(), profile_name(reader.profile()),
       human_bytes(reader.file_bytes()), reader.file_bytes(), human_bytes(reader.head_bytes()),
       reader.primitives(), bytes_per_primitive(reader), reader.sh_degree(),
-      m.time_base.seconds(m.frames), m.frames, 1.0 / m.time_base.seconds(1), m.bounds_min[0],
-      m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2]);
+      m.time_base.seconds(m.frames), plural(m.frames, "frame"), 1.0 / m.time_base.seconds(1),
+      m.bounds_min[0], m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1],
+      m.bounds_max[2]);
   if (m.metres_per_unit > 0) out += fmt::format("  unit             {:.6g} m\n", m.metres_per_unit);
   if (has_up(m)) {
-    out +=
-        fmt::format("  up               {:.4g} {:.4g} {:.4g}, the floor at {:.4g} {:.4g} {:.4g}\n",
-                    m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
+    out += fmt::format("  up               {:.4g} {:.4g} {:.4g}, floor at {:.4g} {:.4g} {:.4g}\n",
+                       m.up[0], m.up[1], m.up[2], m.floor[0], m.floor[1], m.floor[2]);
   }
   if (!m.audio.empty()) {
-    out += fmt::format("  sound            {}, from {:.3f} s on\n", one_line(m.audio),
+    out += fmt::format("  audio            {}, from {:.3f} s\n", one_line(m.audio),
                        m.time_base.seconds(m.audio_begin));
   }
   if (reader.form() != SceneForm::kFinished) {
     out += fmt::format(
-        "  form             recorded live, {}; 'stgs finalize' puts its index in front\n",
+        "  form             live recording, {}; 'stgs finalize' moves its index to the front\n",
         reader.form() == SceneForm::kRecorded ? "closed" : "not closed yet");
   }
   if (reader.incomplete_bytes() > 0) {
@@ -249,26 +249,27 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                        reader.incomplete_bytes());
     if (reader.unreached_frames() > 0) {
       out += fmt::format(
-          "  not shown        up to {:.3f} s is recorded in these bytes; a damaged record keeps a "
-          "fragment of the index among them from being used\n",
+          "  unreachable      these bytes hold frames up to {:.3f} s; a damaged record hides the "
+          "fragment that lists them\n",
           m.time_base.seconds(reader.unreached_frames()));
     }
   }
   if (reader.missing_bytes() > 0) {
-    std::size_t whole = 0, plain = 0;
+    std::size_t complete = 0, without_sh = 0;
     for (const SegmentInfo& segment : reader.segments()) {
-      whole += segment.available && segment.sh_available ? 1 : 0;
-      plain += segment.available && !segment.sh_available ? 1 : 0;
+      complete += segment.available && segment.sh_available ? 1 : 0;
+      without_sh += segment.available && !segment.sh_available ? 1 : 0;
     }
     out += fmt::format(
-        "  truncated        {} bytes are missing; {} of {} segments are there whole, {} without "
-        "their harmonics; all up to {:.3f} s\n",
-        reader.missing_bytes(), whole, reader.segments().size(), plain,
-        m.time_base.seconds(reader.complete_ticks()));
+        "  truncated        {} bytes are missing; {} of {} are complete, {} without SH; complete "
+        "up to "
+        "{:.3f} s\n",
+        reader.missing_bytes(), complete, plural(std::ssize(reader.segments()), "segment"),
+        without_sh, m.time_base.seconds(reader.complete_ticks()));
   }
   for (const Issue& issue : reader.damage()) {
-    if (issue.number == kFileSize && reader.missing_bytes() > 0) continue;  // said above
-    out += fmt::format("  {:<16} byte {}: {}\n", issue.error ? "damaged" : "told", issue.offset,
+    if (issue.number == kFileSize && reader.missing_bytes() > 0) continue;  // reported above
+    out += fmt::format("  {:<16} byte {}: {}\n", issue.error ? "damaged" : "warning", issue.offset,
                        issue.message);
   }
   for (const LostFragment& lost : reader.lost_fragments()) {
@@ -285,31 +286,31 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
                     m.window->first_frame + m.frames, m.window->capture_frames);
   }
   if (reader.parts().size() > 1) {
-    for (std::size_t i = 0; i < std::min(reader.parts().size(), kMostRows); ++i) {
+    for (std::size_t i = 0; i < std::min(reader.parts().size(), kMaxRows); ++i) {
       const ScenePart& part = reader.parts()[i];
       out += fmt::format("  part             {:.3f} s to {:.3f} s, {} primitives\n",
                          m.time_base.seconds(part.shown_range().begin),
                          m.time_base.seconds(part.shown_range().end), part.primitives);
     }
-    out += rows_left_out(reader.parts().size(), "parts");
+    out += omitted_rows(reader.parts().size(), "parts");
   }
   if (!m.title.empty()) out += fmt::format("  title            {}\n", one_line(m.title));
   if (!m.generator.empty()) {
     out += fmt::format("  written by       {}\n", one_line(m.generator));
   }
-  out += fmt::format("  chunk            {:.4g} s, the shortest segment\n",
+  out += fmt::format("  chunk            {:.4g} s (shortest segment)\n",
                      m.time_base.seconds(reader.chunk_ticks()));
   out += to_text(decoder_needs(reader));
   out +=
-      "\n  segment  level       tier      from s        to s  primitives       bytes   harmonics\n";
-  for (std::size_t i = 0; i < std::min(reader.segments().size(), kMostRows); ++i) {
+      "\n  segment  level       tier      from s        to s  primitives       bytes    SH bytes\n";
+  for (std::size_t i = 0; i < std::min(reader.segments().size(), kMaxRows); ++i) {
     const SegmentInfo& s = reader.segments()[i];
     out += fmt::format("  {:>7}  {:>10}  {:>4}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}  {:>10}\n", i,
                        s.level < 0 ? std::string("persistent") : std::to_string(s.level), s.tier,
                        m.time_base.seconds(s.begin_ticks), m.time_base.seconds(s.end_ticks),
                        s.primitives, s.bytes, s.sh_bytes);
   }
-  out += rows_left_out(reader.segments().size(), "segments");
+  out += omitted_rows(reader.segments().size(), "segments");
   out += "\n  layer                  tier  primitives       bytes   share\n";
   for (const Layer& layer : layers_of(reader)) {
     out += fmt::format(
@@ -319,8 +320,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   }
   out += "\n  stream                  bytes   share   of raw\n";
   for (const StreamInfo& s : reader.streams()) {
-    const auto share = [](std::uint64_t part, std::uint64_t whole) {
-      return whole == 0 ? 0 : 100.0 * static_cast<double>(part) / static_cast<double>(whole);
+    const auto share = [](std::uint64_t part, std::uint64_t total) {
+      return total == 0 ? 0 : 100.0 * static_cast<double>(part) / static_cast<double>(total);
     };
     out += fmt::format("  {:<16} {:>12}  {:4.1f} %   {:4.1f} %\n", s.name, s.bytes,
                        share(s.bytes, reader.file_bytes()), share(s.bytes, s.raw_bytes));
@@ -328,8 +329,8 @@ std::string to_text(const SceneReader& reader, const std::string& path) {
   return out;
 }
 
-// "1234  12.3 %", of the visible primitives.
-std::string counted(std::uint64_t count, const SceneStatistics& s) {
+// Returns "1234  12.3 %", a share of the visible primitives.
+std::string count_and_share(std::uint64_t count, const SceneStatistics& s) {
   const auto visible = static_cast<double>(s.primitives - s.never_visible);
   return fmt::format("{:>10}  {:5.1f} %", count,
                      visible > 0 ? 100.0 * static_cast<double>(count) / visible : 0.0);
@@ -360,15 +361,15 @@ Json to_json(const SceneStatistics& s) {
             {"whole_clip_drift", s.whole_clip_drift}}}};
 }
 
-// The bins between the first and the last that hold something.
+// Lists the bins from the first to the last that is not empty.
 std::string to_text(const std::vector<HistogramBin>& bins, const SceneStatistics& s) {
-  const auto full = [](const HistogramBin& bin) { return bin.count > 0; };
-  const auto first = std::find_if(bins.begin(), bins.end(), full);
-  const auto last = std::find_if(bins.rbegin(), bins.rend(), full).base();
+  const auto filled = [](const HistogramBin& bin) { return bin.count > 0; };
+  const auto first = std::find_if(bins.begin(), bins.end(), filled);
+  const auto last = std::find_if(bins.rbegin(), bins.rend(), filled).base();
   std::string out;
   for (auto bin = first; bin < last; ++bin) {
     const std::string to = std::isfinite(bin->to) ? fmt::format("{:.4g}", bin->to) : "longer";
-    out += fmt::format("  {:>10.4g}  {:>10}  {}\n", bin->from, to, counted(bin->count, s));
+    out += fmt::format("  {:>10.4g}  {:>10}  {}\n", bin->from, to, count_and_share(bin->count, s));
   }
   return out;
 }
@@ -377,37 +378,40 @@ std::string to_text(const SceneStatistics& s) {
   return fmt::format(
       "\n  lifespan s  to          primitives (median {:.4g} s, {} never visible)\n{}"
       "  whole clip              {}\n"
-      "\n  speed       to          primitives (scene units a second, median {:.4g})\n{}"
+      "\n  speed       to          primitives (scene units per second, median {:.4g})\n{}"
       "\n  static                  {}, moving by at most {:.3g} over the clip\n"
-      "  drift                   {:.3g} scene units over the clip, mean of the whole clip's\n",
-      s.median_lifespan, s.never_visible, to_text(s.lifespans, s), counted(s.whole_clip, s),
-      s.median_speed, to_text(s.speeds, s), counted(s.static_primitives, s), s.static_bound,
+      "  drift                   {:.3g} scene units over the clip, mean of those of the whole "
+      "clip\n",
+      s.median_lifespan, s.never_visible, to_text(s.lifespans, s), count_and_share(s.whole_clip, s),
+      s.median_speed, to_text(s.speeds, s), count_and_share(s.static_primitives, s), s.static_bound,
       s.whole_clip_drift);
 }
 
 class Info final : public Command {
  public:
   Help help() const override {
-    return {"info", "What is in a .stgs file",
-            "Reads header, metadata and index only, so it is quick on any size. Tells primitives,\n"
-            "bytes by segment and by attribute, duration, bounds and the start camera.\n"
-            "--lifespans reads all of it and tells how long the primitives live (the time with\n"
-            "O l(t) >= 1/255), how fast they move, and how many are static: they live over the\n"
-            "whole clip and move, over it, by at most 0.001 of the radius around the median\n"
-            "position that holds 95 % of the primitives. Where a file has several parts, as of\n"
-            "windows, a part's own moments stand in for the clip.",
-            "  stgs info scene.stgs\n  stgs info scene.stgs --lifespans --format json"};
+    return {
+        "info", "Show the contents of a .stgs file",
+        "Reads only the header, the metadata and the index, so it is fast for any file size.\n"
+        "Prints primitives, duration, bounds, start camera, and bytes by segment and attribute.\n"
+        "--lifespans reads the entire file and prints the lifespans (the time with O l(t) >=\n"
+        "1/255), the speeds, and the static primitives: visible in every frame and moving over\n"
+        "the clip at most 0.001 of the radius around the median position that holds 95 % of\n"
+        "the primitives. In a file of several parts, the part of a primitive stands for the\n"
+        "clip.",
+        "  stgs info scene.stgs\n  stgs info scene.stgs --lifespans --format json"};
   }
   Shared shared() const override { return {}; }
   void declare(CLI::App& app) override {
     app.add_option("FILE", path_, "The .stgs file, or its URL")->required();
-    app.add_flag("--lifespans", lifespans_, "Lifespans, speeds, and the share that is static");
+    app.add_flag("--lifespans", lifespans_,
+                 "Print lifespans, speeds and the share of static primitives");
   }
   Status run(Session& session) override {
     STGS_ASSIGN(const auto reader, open_scene(session, path_));
     std::optional<SceneStatistics> motion;
     if (lifespans_) {
-      STGS_ASSIGN(const Scene scene, read_place(session, path_));
+      STGS_ASSIGN(const Scene scene, load_scene(session, path_));
       motion = scene_statistics(scene);
     }
     if (!session.json()) {

@@ -6,7 +6,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
-#include "place.h"
+#include "scene_input.h"
 
 namespace stgs::tools {
 namespace {
@@ -14,35 +14,34 @@ namespace {
 class Pack final : public Command {
  public:
   Help help() const override {
-    return {"pack", "Compress a trained scene, or merge the windows of a capture",
-            "Writes the quantised profile: lifespan segments, bounded errors, a stream an\n"
-            "attribute. Decodes what it wrote and tells what it lost: the errors of primitives,\n"
-            "the PSNR of pictures of it against those of SCENE (8 of the start camera and\n"
-            "around it), and with --against how much worse it draws the test cameras (8\n"
-            "pictures). A SCENE that was packed before is packed with a warning. The windows of a\n"
-            "long capture, in any order, become one file: each is drawn up to the middle of the\n"
-            "frames that it shares with the next.",
-            "  stgs pack trained.stgs -o scene.stgs\n"
-            "  stgs pack trained.stgs -o small.stgs --quality 60 --against prepared/\n"
-            "  stgs pack trained.stgs -o stream.stgs --target-kbps 8000\n"
-            "  stgs pack parts/*.stgs -o scene.stgs"};
+    return {
+        "pack", "Compress a trained scene, or merge training windows",
+        "Writes the quantised profile: lifespan segments, bounded errors, one stream per\n"
+        "attribute. Decodes the result and reports its cost: the errors of the primitives, the\n"
+        "PSNR of 8 renders from and around the start camera against those of SCENE, and with\n"
+        "--against the PSNR that the test cameras lose (8 images). Warns if SCENE was packed\n"
+        "before. Merges the windows of a long capture, given in any order, into one file: each\n"
+        "is shown up to the middle of the frames that it shares with the next.",
+        "  stgs pack trained.stgs -o scene.stgs\n"
+        "  stgs pack trained.stgs -o small.stgs --quality 60 --against prepared/\n"
+        "  stgs pack trained.stgs -o stream.stgs --target-kbps 8000\n"
+        "  stgs pack parts/*.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }
   void declare(CLI::App& app) override {
-    app.add_option("SCENE", inputs_, "A lossless .stgs file, or one for each window")->required();
-    app.add_option("-o,--output", output_, "The .stgs file to make")->required();
+    app.add_option("SCENE", inputs_, "A lossless .stgs file, or one per window")->required();
+    app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--against", against_,
-                   "Prepared capture: measure the loss on its test cameras too");
+                   "Prepared capture: also measure the PSNR of its test cameras");
     options_.declare(app);
   }
   Status run(Session& session) override {
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
-      std::error_code missing;  // where there is none yet, it is another file
+      std::error_code missing;  // an output that does not exist is a different file
       if (std::filesystem::equivalent(input, output_, missing)) {
-        return usage_error("{}: is the scene itself, which packing would lose; name another output",
-                           output_);
+        return usage_error("{}: this is the input scene itself; use another output", output_);
       }
     }
     encoder::PackReport report;
@@ -57,12 +56,12 @@ class Pack final : public Command {
     return session.emit(
         json,
         fmt::format(
-            "{}: {} primitives ({} never visible left out), {} to {}, {:.1f} bytes a primitive\n"
-            "{}errors: position {:.3g} at most, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} at "
-            "most, {:.3g} at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % at "
-            "most\n",
+            "{}: {} primitives ({} never visible dropped), {} to {}, {:.1f} bytes per primitive\n"
+            "{}errors: position {:.3g} max, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} max, "
+            "{:.3g} "
+            "at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % max\n",
             output_, report.primitives, report.dropped, human_bytes(report.bytes_in),
-            human_bytes(report.bytes_out), report.bytes_per_primitive, loss_text(report),
+            human_bytes(report.bytes_out), report.bytes_per_primitive, quality_text(report),
             report.position_max, report.position_rms, report.colour_rms, report.opacity_max,
             report.visibility_max, report.time_max, report.radius_max,
             100.0 * std::expm1(report.sigma_max)));

@@ -5,7 +5,7 @@
 #include "command.h"
 #include "options.h"
 #ifdef STGS_HAS_PLAY
-#include "play/show.h"
+#include "play/viewer.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/player/source.h"
 #endif
@@ -17,15 +17,14 @@ class Play final : public Command {
  public:
   Help help() const override {
     return {
-        "play", "Show a .stgs file in a window, from any viewpoint",
-        "Draws with Vulkan while the file is still coming: from a disk, or from a server that\n"
-        "answers byte ranges.\n"
-        "Mouse: left drag turns around the scene, right drag looks around, middle drag shifts,\n"
-        "the wheel goes nearer. The bar at the bottom shows what has come, and seeks.\n"
-        "Keys: space pause, left and right a frame (with shift a second), up and down speed,\n"
-        "home and end, L loop, W A S D E Q fly (shift: faster), R back to the start camera,\n"
-        "F1 hides all but the scene, P or F12 writes a screenshot (stgs-001.png and so on),\n"
-        "escape closes.",
+        "play", "Play a .stgs file in a window, from any viewpoint",
+        "Renders with Vulkan while the file loads, from a disk or from a server that supports\n"
+        "byte ranges.\n"
+        "Mouse: left drag orbits around the scene, right drag looks around, middle drag pans, the\n"
+        "wheel zooms. The bar at the bottom shows the buffered part and seeks.\n"
+        "Keys: space pause, left and right one frame (with shift one second), up and down speed,\n"
+        "home and end, L loop, W A S D E Q fly (shift: faster), R reset the camera, F1 hide the\n"
+        "overlay, P or F12 save a screenshot (stgs-001.png and so on), escape close.",
         "  stgs play scene.stgs --loop\n"
         "  stgs play https://example.org/scene.stgs --size 1920x1080\n"
         "  stgs play scene.stgs --time 0.5 --paused --screenshot window.png"};
@@ -36,36 +35,38 @@ class Play final : public Command {
   void declare(CLI::App& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--start-camera,--camera", camera_,
-                   "Camera file (JSON, as of 'stgs render'); else the file's start camera");
+                   "Camera file (JSON), as for render (default: the start camera of the file)");
     app.add_option("--size", size_,
-                   "WIDTHxHEIGHT of the window; else the camera's, at most 1280x720");
+                   "Window size WIDTHxHEIGHT (default: of the camera, at most 1280x720)");
     app.add_option("--time", time_,
-                   "Moment to begin at, seconds; 0: of a recording that grows near its end")
+                   "Start time, seconds; 0: the beginning, or the live edge of a growing recording")
         ->check(number_between(0, 1e9))
         ->capture_default_str();
-    app.add_option("--rate", rate_, "Speed, -2 to 4 and not 0")
+    app.add_option("--rate", rate_, "Playback rate, -2 to 4, not 0")
         ->check(number_between(-2, 4))
         ->capture_default_str();
-    app.add_flag("--loop", loop_, "Begin again at the end");
-    app.add_flag("--paused", paused_, "Begin paused");
-    app.add_flag("--no-overlay", no_overlay_, "Show the scene alone (F1 brings the rest)");
-    app.add_option("--memory", memory_mb_, "Fetched and decoded data held at most, MB (10^6 bytes)")
+    app.add_flag("--loop", loop_, "Repeat");
+    app.add_flag("--paused", paused_, "Start paused");
+    app.add_flag("--no-overlay", no_overlay_, "Hide the overlay (F1 shows it)");
+    app.add_option("--memory", memory_mb_,
+                   "Memory budget for fetched and decoded data, MB (10^6 bytes)")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
     auto* screenshot = app.add_option(
         "--screenshot", screenshot_,
-        "Write what the window shows to this .png, once all of the moment and the statistics are "
-        "there, and end; without --paused it plays on until then");
-    app.add_option("--after", after_, "Of --screenshot: not before so many pictures")
+        "Write the window to this .png once all layers and the statistics are available, and exit; "
+        "playback continues until then unless --paused is given");
+    app.add_option("--after", after_, "Take the --screenshot no earlier than this frame")
         ->check(number_between(1, 1e9))
         ->capture_default_str()
         ->needs(screenshot);
   }
 
   Status run(Session& session) override {
-    if (rate_ == 0) return usage_error("--rate 0 does not play; give --paused");
+    if (rate_ == 0) return usage_error("--rate 0 is not supported; use --paused");
     if (!screenshot_.empty() && extension_is_not_png()) {
-      return usage_error("--screenshot {}: a screenshot is a .png", screenshot_);
+      return usage_error("--screenshot {}: screenshots are PNG files; use a name that ends in .png",
+                         screenshot_);
     }
     std::optional<Size> size;
     if (!size_.empty()) {
@@ -76,7 +77,7 @@ class Play final : public Command {
       STGS_ASSIGN(camera, read_camera(camera_));
     }
 #ifdef STGS_HAS_PLAY
-    ShowSettings settings;
+    ViewerSettings settings;
     settings.playback.file = file_;
     settings.playback.seconds = time_;
     settings.playback.rate = rate_;
@@ -88,15 +89,13 @@ class Play final : public Command {
     settings.overlay = !no_overlay_;
     settings.screenshot = screenshot_;
     settings.after = after_;
-    STGS_ASSIGN(const ShowReport report, show(session, settings));
-    return tell(session, report);
+    STGS_ASSIGN(const ViewerReport report, run_viewer(session, settings));
+    return print(session, report);
 #else
     (void)session;
     return not_built(
         "'play' is not part of this build: it needs GLFW, Dear ImGui and Vulkan (Debian: "
-        "libglfw3-dev, libimgui-dev, libvulkan-dev, libvulkan-volk-dev, glslc); 'stgs render' "
-        "draws "
-        "pictures");
+        "libglfw3-dev, libimgui-dev, libvulkan-dev, libvulkan-volk-dev, glslc); use 'stgs render'");
 #endif
   }
 
@@ -112,25 +111,27 @@ class Play final : public Command {
     return player::display_location(file_);
   }
 
-  Status tell(Session& session, const ShowReport& report) const {
-    const double fps = report.busy > 0 ? static_cast<double>(report.following) / report.busy : 0;
+  Status print(Session& session, const ViewerReport& report) const {
+    const double fps =
+        report.busy_seconds > 0 ? static_cast<double>(report.busy_frames) / report.busy_seconds : 0;
     Json json = {{"file", shown_file()},
                  {"device", report.device},
                  {"width", report.size.width},
                  {"height", report.size.height},
-                 {"frames_shown", report.pictures},
+                 {"frames_shown", report.frames},
                  {"fps", fps},
                  {"stalls", report.stalls},
                  {"seconds", report.seconds},
                  {"camera", nullptr},
                  {"screenshot", nullptr},
                  { "peak_memory", peak_memory() }};
-    if (report.pictures > 0) json["camera"] = encoder::camera_to_json(report.camera);
+    if (report.frames > 0) json["camera"] = encoder::camera_to_json(report.camera);
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
-    const std::string text =
-        fmt::format("{} on {}: {} pictures of {}x{} ({:.1f} a second), {} stalls, peak memory {}\n",
-                    shown_file(), report.device, report.pictures, report.size.width,
-                    report.size.height, fps, report.stalls, human_bytes(peak_memory()));
+    const std::string text = fmt::format(
+        "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", shown_file(), report.device,
+        plural(static_cast<std::int64_t>(report.frames), "frame"), report.size.width,
+        report.size.height, fps, plural(static_cast<std::int64_t>(report.stalls), "stall"),
+        human_bytes(peak_memory()));
     return session.emit(json, text);
   }
 #endif

@@ -11,10 +11,10 @@ namespace {
 class Prepare final : public Command {
  public:
   Help help() const override {
-    return {"prepare", "Make a prepared capture from videos or pictures",
-            "Reads cameras and frames in a layout that people already have (or calibrates with\n"
-            "COLMAP), undistorts, finds what moves, and makes the initial points. The prepared\n"
-            "capture is a folder that 'train' and 'evaluate' read; look at its report/index.html.",
+    return {"prepare", "Prepare a capture for training, from videos or images",
+            "Reads cameras and frames of a common dataset layout, or calibrates with COLMAP;\n"
+            "undistorts, detects motion and computes initial points. The result is a folder that\n"
+            "'train' and 'evaluate' read. Inspect its report/index.html before training.",
             "  stgs prepare capture/ -o prepared/\n"
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }
@@ -22,8 +22,8 @@ class Prepare final : public Command {
     return {.progress = true, .log_level = true, .threads = true, .seed = true};
   }
   void declare(CLI::App& app) override {
-    app.add_option("CAPTURE", capture_, "Folder with videos or pictures")->required();
-    app.add_option("-o,--output", output_, "Folder to make")->required();
+    app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
+    app.add_option("-o,--output", output_, "Output folder")->required();
     options_.declare(app);
   }
   Status run(Session& session) override {
@@ -42,11 +42,11 @@ class Prepare final : public Command {
                        {"seconds", seconds},
                        {"peak_memory", peak_memory()}};
     return session.emit(
-        json, fmt::format("{}: {} cameras ({} held out), {} frames at {:.6g} a second, from {}, "
-                          "{:.1f} s, peak memory {}\n",
-                          output_, prepared.cameras.size(), test, prepared.frames,
-                          1.0 / prepared.time_base.seconds(1), prepared.source, seconds,
-                          human_bytes(peak_memory())));
+        json,
+        fmt::format("{}: {} ({} held out), {} at {:.6g} fps, from {}, {:.1f} s, peak memory {}\n",
+                    output_, plural(std::ssize(prepared.cameras), "camera"), test,
+                    plural(prepared.frames, "frame"), 1.0 / prepared.time_base.seconds(1),
+                    prepared.source, seconds, human_bytes(peak_memory())));
   }
 
  private:

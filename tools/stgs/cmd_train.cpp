@@ -16,11 +16,11 @@ class Train final : public Command {
     return {
         "train", "Train a scene from a prepared capture",
         "Optimises the primitives against the training cameras and writes a lossless .stgs\n"
-        "scene, which 'pack' makes small. Ctrl-C stops it: the checkpoint, where one was asked\n"
-        "for, is written, the scene is not. The same seed gives the same scene on the same kind\n"
-        "of processor, without --max-seconds. Held-out measures do not change the scene. Started\n"
-        "by mpirun or srun as R processes, it takes R views a step, R times fewer steps, and the\n"
-        "first process alone writes; --iterations counts views, so the same number is seen.",
+        "scene, the input of 'pack'. Ctrl-C stops it: it writes the checkpoint, if --checkpoint\n"
+        "is given, but not the scene. The same seed gives the same scene on the same kind of CPU\n"
+        "or GPU, without --max-seconds. Evaluations do not change the scene. Started by mpirun or\n"
+        "srun as R processes, it uses R views per step and R times fewer steps, and only the\n"
+        "first process writes; --iterations counts views, so the number of views is the same.",
         "  stgs train prepared/ -o scene.stgs --preset fast --report report/\n"
         "  stgs train prepared/ -o scene.stgs --checkpoint run.ckpt --max-seconds 600\n"
         "  stgs train prepared/ -o scene.stgs --resume run.ckpt\n"
@@ -30,33 +30,33 @@ class Train final : public Command {
   Shared shared() const override { return TrainOptions::shared(); }
   void declare(CLI::App& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
-    app.add_option("-o,--output", output_,
-                   "The lossless .stgs file to make, or a folder for windows");
+    app.add_option("-o,--output", output_, "Output file (lossless .stgs), or folder with --window");
     options_.declare(app);
     windows_.declare(app);
-    app.add_flag("--list-parameters", list_, "List what --set takes for the preset, and end");
+    app.add_flag("--list-parameters", list_,
+                 "List the hyper-parameters of the preset, for --set, and exit");
   }
   Status run(Session& session) override {
     if (list_) return list(session);
     if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
-    if (output_.empty()) return usage_error("--output, the file to make, is required");
+    if (output_.empty()) return usage_error("--output, the output file, is required");
     STGS_TRY(session.join_world());
-    if (session.world() != nullptr && windows_.several()) {
+    if (session.world() != nullptr && windows_.has_windows()) {
       return usage_error(
-          "--window trains one window after the other in one process; with several processes train "
-          "each window with --frames A:B");
+          "--window trains in one process; with several processes, train each window with --frames "
+          "FIRST:END");
     }
     STGS_ASSIGN(const auto settings,
-                options_.settings(session, places(), windows_.several() ? output_ : ""));
+                options_.settings(session, paths(), windows_.has_windows() ? output_ : ""));
     STGS_ASSIGN(const auto capture, windows_.capture(folder_));
-    if (windows_.several()) return train_all(capture, settings, session);
+    if (windows_.has_windows()) return train_all(capture, settings, session);
     if (session.is_first()) STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
     STGS_TRY(train_to_file(capture, output_, options_.report(), settings, session, report));
     if (!session.is_first()) return {};
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
-                                     ? fmt::format(", held-out psnr {:.2f} dB of {} pictures",
+                                     ? fmt::format(", held-out psnr {:.2f} dB of {} images",
                                                    report.held_out->psnr, report.held_out->images)
                                      : "";
     Json json = {{"output", output_}};
@@ -75,22 +75,23 @@ class Train final : public Command {
   }
 
  private:
-  // What is written, and what is read of the capture and must stay.
-  std::vector<NamedPath> places() const {
-    std::vector<NamedPath> places = {{"--output", output_}};
+  // Returns the output, and the files of the capture that must not be overwritten.
+  std::vector<NamedPath> paths() const {
+    std::vector<NamedPath> paths = {{"--output", output_}};
     for (const char* file : {"", "/capture.json", "/points_static.ply", "/points_dynamic.ply",
                              "/frames", "/masks", "/report", "/report/index.html"}) {
-      places.push_back({"DIR", folder_ + file});
+      paths.push_back({"DIR", folder_ + file});
     }
-    return places;
+    return paths;
   }
 
   Status train_all(const encoder::PreparedCapture& capture, const encoder::TrainSettings& settings,
                    Session& session) {
     if (!settings.resume.empty() || !settings.checkpoint.empty() || options_.has_log()) {
       return usage_error(
-          "--checkpoint, --resume and --log are for one run; with --window each window has its "
-          "checkpoint beside its file, goes on from it, and logs into the folder of --report");
+          "--checkpoint, --resume and --log cannot be used with --window: each window has a "
+          "checkpoint "
+          "next to its file, resumes from it, and logs to the folder of --report");
     }
     STGS_TRY(check_can_make_folder(output_));
     STGS_ASSIGN(const auto spans, windows_.spans(capture));

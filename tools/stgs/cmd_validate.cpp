@@ -2,7 +2,7 @@
 #include <CLI/CLI.hpp>
 
 #include "command.h"
-#include "place.h"
+#include "scene_input.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/source.h"
 
@@ -11,7 +11,7 @@ namespace {
 
 struct Verdict {
   std::string name;
-  Status unreadable;  // set where the file could not be read at all
+  Status unreadable;  // set if the file could not be read
   std::vector<Issue> issues;
 
   int errors() const {
@@ -21,10 +21,10 @@ struct Verdict {
   bool valid() const { return unreadable.ok() && errors() == 0; }
 };
 
-Verdict judge(Session& session, const std::string& path) {
+Verdict validate_file(Session& session, const std::string& path) {
   Verdict verdict;
   verdict.name = player::display_location(path);
-  auto source = open_place(session, path);
+  auto source = open_source(session, path);
   if (!source.ok()) {
     verdict.unreadable = source.status();
     return verdict;
@@ -76,10 +76,9 @@ std::string to_text(const std::vector<Verdict>& verdicts) {
 class Validate final : public Command {
  public:
   Help help() const override {
-    return {"validate", "Check .stgs files against the format",
-            "Checks structure, checksums, limits and values, and lists what it finds by number\n"
-            "(spec/conformance.md). Exit code 3 where a file has an error, 2 where one cannot be\n"
-            "read.",
+    return {"validate", "Check .stgs files against the format specification",
+            "Checks structure, checksums, limits and values. Lists issues by number\n"
+            "(spec/conformance.md). Exit code 3 if a file has errors, 2 if one cannot be read.",
             "  stgs validate scene.stgs other.stgs"};
   }
   Shared shared() const override { return {.threads = true}; }
@@ -90,10 +89,10 @@ class Validate final : public Command {
     std::vector<Verdict> verdicts;
     Status worst;
     for (const std::string& path : paths_) {
-      verdicts.push_back(judge(session, path));
+      verdicts.push_back(validate_file(session, path));
       const Verdict& v = verdicts.back();
       if (v.errors() > 0) {
-        worst = invalid_file("{}: {} error(s)", v.name, v.errors());
+        worst = invalid_file("{}: {}", v.name, plural(v.errors(), "error"));
       } else if (!v.unreadable.ok() && worst.ok()) {
         worst = v.unreadable;
       }

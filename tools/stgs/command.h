@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A verb of the program. The shared options, results and progress are the session's.
+// The interface of a verb. Common options, results and progress belong to Session.
 #pragma once
 
 #include <memory>
@@ -15,19 +15,19 @@ class App;
 
 namespace stgs::tools {
 
-// What a verb's --help says beside its options.
+// The text of a verb's --help, apart from its options.
 struct Help {
   const char* name;
   const char* summary;  // one line for the list of verbs
-  const char* text;     // two or three lines: what it does, what comes out
-  const char* example;  // command lines that work
+  const char* text;     // a paragraph: purpose, results and conditions
+  const char* example;  // command lines that work, indented by two spaces
 };
 
-// The shared options that do something for a verb, beside --format, which every verb takes.
+// The common options that a verb accepts. Every verb also accepts --format.
 struct Shared {
   bool progress = false, log_level = false;
-  const char* backend = nullptr;  // what --backend chooses, for its help; null: not taken
-  bool trains = false;            // it: not every one that draws
+  const char* backend = nullptr;  // label of --backend in the help; null: no --backend
+  bool trains = false;            // --backend accepts the training backends only
   bool threads = false, seed = false;
 };
 
@@ -36,9 +36,9 @@ class Command {
   virtual ~Command() = default;
   virtual Help help() const = 0;
   virtual Shared shared() const = 0;
-  // Declares the verb's own options; they are filled by parsing.
+  // Declares the verb's own options. Parsing fills them in.
   virtual void declare(CLI::App& app) = 0;
-  // Does the work after parsing.
+  // Runs the verb. Called once, after parsing.
   virtual Status run(Session& session) = 0;
 };
 
@@ -56,7 +56,7 @@ std::unique_ptr<Command> make_render();
 std::unique_ptr<Command> make_train();
 std::unique_ptr<Command> make_validate();
 
-// Every verb, in the order of the road.
+// Returns every verb, in the order of the workflow from capture to playback.
 std::vector<std::unique_ptr<Command>> all_commands();
 
 }  // namespace stgs::tools

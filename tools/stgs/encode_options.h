@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of prepare, train and pack, which encode takes all together.
+// The options of prepare, train and pack. encode accepts all of them.
 #pragma once
 
 #include <functional>
@@ -23,9 +23,9 @@ namespace stgs::tools {
 class PrepareOptions {
  public:
   void declare(CLI::App& app);
-  // Only in a build with STGS_HAS_PREPARE.
+  // Defined only with STGS_HAS_PREPARE.
   Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
-  bool overwrites() const { return overwrite_; }
+  bool overwrite() const { return overwrite_; }
 
  private:
   std::string layout_ = "auto", frames_, test_cameras_;
@@ -36,36 +36,36 @@ class PrepareOptions {
 
 class TrainOptions {
  public:
-  // What a verb that trains takes beside them.
+  // The common options of a verb that trains.
   static Shared shared() {
     return {.progress = true,
             .log_level = true,
-            .backend = "What trains",
+            .backend = "Training backend",
             .trains = true,
             .threads = true,
             .seed = true};
   }
   void declare(CLI::App& app);
-  // `written`: what the verb writes beside what these options name; kUsage where two are one.
-  // Checks that files can be written where this process is the one that writes. `made`: a folder
-  // that the verb makes where there is none, in which they may lie; "": none.
-  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPath> written,
-                                          const std::string& made) const;
+  // Returns the settings. kUsage if two paths are the same, of these options and of `outputs`, the
+  // other outputs of the verb. The process that writes also checks that its files can be written.
+  // Files may lie in `new_folder`, which the verb creates; "": it creates none.
+  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPath> outputs,
+                                          const std::string& new_folder) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }
-  // The folder of the report, for JSON.
+  // Returns the report folder, or null.
   Json report_json() const { return report_.empty() ? Json(nullptr) : Json(report_); }
   bool has_log() const { return !log_.empty(); }
 
  private:
-  Status check_places(const std::string& log_path, std::vector<NamedPath> places) const;
-  Status check_writable(const std::string& made) const;
+  Status check_paths(const std::string& log_path, std::vector<NamedPath> paths) const;
+  Status check_writable(const std::string& new_folder) const;
 
   std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   std::string perceptual_weights_;
-  int held_out_ = encoder::TrainSettings{}.held_out_evaluations;
+  int num_evals_ = encoder::TrainSettings{}.held_out_evaluations;
   double max_seconds_ = 0;
   std::vector<std::string> overrides_;
 };
@@ -80,25 +80,25 @@ class PackOptions {
   double quality_ = encoder::PackSettings{}.quality, target_kbps_ = 0, max_error_ = 0;
   int tiers_ = encoder::PackSettings{}.tiers;
   double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
-  double metres_ = 0;  // a unit; 0: not given
+  double metres_per_unit_ = 0;  // 0: not given
   std::vector<float> up_, floor_;
-  std::string sound_;
-  double sound_seconds_ = 0;
+  std::string audio_;
+  double audio_seconds_ = 0;
 };
 
-// Prepares `capture` into `folder`; kNotBuilt in a build without OpenCV. `accept`, where given, is
+// Prepares `capture` into `folder`. kNotBuilt without OpenCV. `accept`, if set, becomes
 // PrepareSettings::accept.
 Status prepare_stage(const std::string& capture, const std::string& folder,
                      const PrepareOptions& options, Session& session,
                      const std::function<Status(const encoder::PreparedCapture&)>& accept = {});
 
-// The report of a stage, as the verb of that stage prints it.
+// Returns the report of a stage, as its verb prints it.
 Json to_json(const encoder::TrainReport& report);
 Json to_json(const encoder::PackReport& report);
-// One line for a person: quality, bit rate and loss.
-std::string loss_text(const encoder::PackReport& report);
+// Returns one line of text: quality, bit rate, and the PSNR that packing cost.
+std::string quality_text(const encoder::PackReport& report);
 
-// Trains and writes the lossless scene to `output`, and a report into a folder unless it is "".
+// Trains, writes the lossless scene to `output`, and a report to `report_folder` unless it is "".
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
                      const std::string& report_folder, const encoder::TrainSettings& settings,
                      Session& session, encoder::TrainReport& report);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "exr.h"
 
-#include "picture.h"
+#include "image_io.h"
 #include "stgs/encoder/image_file.h"
 
 #ifdef STGS_HAS_EXR
@@ -22,7 +22,7 @@ namespace stgs::tools {
 #ifdef STGS_HAS_EXR
 namespace {
 
-// The sRGB transfer function and its inverse (IEC 61966-2-1), continued above 1.
+// The sRGB transfer function and its inverse (IEC 61966-2-1), extended above 1.
 float linear_of(float v) {
   return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f);
 }
@@ -38,7 +38,7 @@ Imf::Slice slice_over(Imf::PixelType type, const T* data, int width) {
 
 }  // namespace
 
-Status write_exr_file(const std::string& path, const std::string& shown_path,
+Status write_exr_file(const std::string& path, const std::string& display_path,
                       const player::Frame& frame) {
   const int width = frame.colour.width, height = frame.colour.height;
   const std::size_t pixels = static_cast<std::size_t>(width) * height;
@@ -67,7 +67,7 @@ Status write_exr_file(const std::string& path, const std::string& shown_path,
     file.setFrameBuffer(buffer);
     file.writePixels(height);
   } catch (const std::exception& error) {
-    return io_error("{}: cannot write EXR: {}", shown_path, error.what());
+    return io_error("{}: cannot write EXR: {}", display_path, error.what());
   }
   return {};
 }
@@ -81,7 +81,7 @@ Result<Image> read_exr_file(const std::string& path) {
     for (const char* name : {"R", "G", "B"}) {
       const Imf::Channel* channel = file.header().channels().findChannel(name);
       if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {
-        return unsupported("{}: has no full-size channel {}", path, name);
+        return unsupported("{}: no full-resolution channel {}", path, name);
       }
     }
     Image image;
@@ -89,7 +89,7 @@ Result<Image> read_exr_file(const std::string& path) {
     Imf::FrameBuffer buffer;
     const char* names[] = {"R", "G", "B"};
     for (int c = 0; c < 3; ++c) {
-      // OpenEXR addresses pixel (x,y) of the data window, which need not start at 0.
+      // OpenEXR addresses pixel (x, y) of the data window, which may not start at 0.
       const float* origin =
           image.plane(c) - window.min.x - static_cast<std::ptrdiff_t>(window.min.y) * width;
       buffer.insert(names[c], slice_over(Imf::FLOAT, origin, width));
@@ -105,13 +105,16 @@ Result<Image> read_exr_file(const std::string& path) {
 
 #else
 
-Status write_exr_file(const std::string&, const std::string& shown_path, const player::Frame&) {
-  return not_built("{}: this build has no EXR; install OpenEXR and build again, or write .png",
-                   shown_path);
+Status write_exr_file(const std::string&, const std::string& display_path, const player::Frame&) {
+  return not_built(
+      "{}: this build has no EXR (OpenEXR was not found); write .png, or rebuild with "
+      "libopenexr-dev",
+      display_path);
 }
 
 Result<Image> read_exr_file(const std::string& path) {
-  return not_built("{}: this build has no EXR; install OpenEXR and build again", path);
+  return not_built("{}: this build has no EXR (OpenEXR was not found); rebuild with libopenexr-dev",
+                   path);
 }
 
 #endif

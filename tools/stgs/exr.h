@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// EXR files; kNotBuilt in a build without OpenEXR.
+// OpenEXR files. All functions return kNotBuilt in a build without OpenEXR.
 #pragma once
 
 #include <string>
@@ -10,10 +10,10 @@
 
 namespace stgs::tools {
 
-// Writes to `path`; messages call it `shown_path`.
-Status write_exr_file(const std::string& path, const std::string& shown_path,
+// Writes to `path`. Messages name `display_path` instead.
+Status write_exr_file(const std::string& path, const std::string& display_path,
                       const player::Frame& frame);
-// R, G, B as sRGB-encoded planes.
+// Reads R, G and B as sRGB-encoded planes.
 Result<Image> read_exr_file(const std::string& path);
 
 }  // namespace stgs::tools

@@ -33,17 +33,20 @@ Json to_json(const SplatvReport& r) {
 }  // namespace
 
 void ImportOptions::declare(CLI::App& app) {
-  const char* group = "Formats that move";
-  app.add_option("--fps", fps_, "Frames a second of a folder of PLY frames or a .splatv: 30")
+  const char* group = "Animated formats";
+  app.add_option("--fps", fps_,
+                 "Frame rate of a folder of PLY frames or of a .splatv (default: 30)")
       ->check(number_between(0.001, 1000))
       ->group(group);
-  app.add_option("--frames", frames_, "Frames of a .splatv, which does not say how many: 50")
+  app.add_option("--frames", frames_,
+                 "Number of frames of a .splatv, which does not store it (default: 50)")
       ->check(number_between(1, 1'000'000))
       ->group(group);
   app.add_option(
          "--tolerance", tolerance_,
-         "How much a splat of a folder of PLY frames may differ from frame to frame and be\n"
-         "one primitive: 1, times 0.02 of its size and 1/255 of colour and opacity")
+         "For a folder of PLY frames: how much a splat may change between frames and remain\n"
+         "one primitive, in multiples of 0.02 of its size and 1/255 of colour and opacity\n"
+         "(default: 1)")
       ->check(number_between(0, 1000))
       ->group(group);
 }
@@ -53,14 +56,14 @@ Status ImportOptions::check(const std::string& path, const InterchangeFormat* fo
   const bool splatv = format != nullptr && format->settings_kind == InterchangeFormat::kSplatv;
   const char* name = format == nullptr ? "STGS" : format->name;
   if (fps_ && !sequence && !splatv) {
-    return usage_error("{}: is {}; --fps is for a folder of PLY frames and for .splatv", path,
-                       name);
+    return usage_error("{}: --fps applies to a folder of PLY frames and to .splatv, not to {}",
+                       path, name);
   }
   if (frames_ && !splatv) {
-    return usage_error("{}: is {}; --frames is for .splatv", path, name);
+    return usage_error("{}: --frames applies to .splatv, not to {}", path, name);
   }
   if (tolerance_ && !sequence) {
-    return usage_error("{}: is {}; --tolerance is for a folder of PLY frames", path, name);
+    return usage_error("{}: --tolerance applies to a folder of PLY frames, not to {}", path, name);
   }
   return {};
 }
@@ -86,12 +89,13 @@ std::string import_text(const ImportReport& report) {
   if (!report.sequence) return {};
   const SequenceReport& r = *report.sequence;
   return fmt::format(
-      "{} frames, {} splats to {} primitives ({} cover the clip, {} move); {:.1f} % of the splats "
-      "of later frames continue one\n"
-      "off by at most: position {:.3g} scene units ({:.3g} of its size), log scale {:.3g}, opacity "
-      "{:.3g}, colour {:.3g}\n",
-      r.frames, r.splats, r.primitives, r.whole_clip, r.moving, 100 * r.matched(), r.position_error,
-      r.errors.position, r.errors.log_scale, r.errors.opacity, r.errors.colour);
+      "{}, {} merged into {} primitives ({} visible at every frame, {} moving); {:.1f} % of the "
+      "splats after the first frame continue a primitive\n"
+      "largest errors: position {:.3g} scene units ({:.3g} of the splat's size), log scale {:.3g}, "
+      "opacity {:.3g}, colour {:.3g}\n",
+      plural(r.frames, "frame"), plural(static_cast<std::int64_t>(r.splats), "splat"), r.primitives,
+      r.whole_clip, r.moving, 100 * r.matched(), r.position_error, r.errors.position,
+      r.errors.log_scale, r.errors.opacity, r.errors.colour);
 }
 
 }  // namespace stgs::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a person says of formats that move, and what they are told of what was read.
+// Options and reports for the import of animated formats.
 #pragma once
 
 #include <optional>
@@ -18,7 +18,7 @@ namespace stgs::tools {
 class ImportOptions {
  public:
   void declare(CLI::App& app);
-  // kUsage where an option was given that `format` (null: .stgs) takes nothing from.
+  // kUsage if an option is given that does not apply to `format` (null: .stgs).
   Status check(const std::string& path, const InterchangeFormat* format) const;
   ImportSettings settings() const;
 
@@ -27,9 +27,9 @@ class ImportOptions {
   std::optional<std::uint32_t> frames_;
 };
 
-// The fields "sequence" and "splatv" of the JSON; null where the format is another one.
+// Returns the JSON fields "sequence" and "splatv"; null for other formats.
 Json import_json(const ImportReport& report);
-// The same for a person: lines, or nothing.
+// Returns the same as lines of text; "" for other formats.
 std::string import_text(const ImportReport& report);
 
 }  // namespace stgs::tools

@@ -9,22 +9,22 @@
 namespace stgs::tools {
 
 std::vector<std::size_t> median_frames(std::size_t count) {
-  if (count < kFewestMedianFrames) return {};
-  const std::size_t odd = std::min(kMostMedianFrames, count % 2 == 1 ? count : count - 1);
+  if (count < kMinMedianFrames) return {};
+  const std::size_t odd = std::min(kMaxMedianFrames, count % 2 == 1 ? count : count - 1);
   std::vector<std::size_t> frames;
   for (std::size_t k = 0; k < odd; ++k) frames.push_back((2 * k + 1) * count / (2 * odd));
   return frames;
 }
 
-encoder::Image8 median_of(const std::vector<encoder::Image8>& pictures) {
-  encoder::Image8 median = pictures.front();
-  const std::size_t n = std::min(pictures.size(), kMostMedianFrames);
+encoder::Image8 median_of(const std::vector<encoder::Image8>& images) {
+  encoder::Image8 median = images.front();
+  const std::size_t n = std::min(images.size(), kMaxMedianFrames);
   const std::size_t row = static_cast<std::size_t>(median.width) * median.channels;
   parallel_for(0, median.height, [&](int y) {
-    std::array<std::uint8_t, kMostMedianFrames> values{};
+    std::array<std::uint8_t, kMaxMedianFrames> values{};
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(n / 2);
     for (std::size_t i = y * row; i < (y + 1) * row; ++i) {
-      for (std::size_t k = 0; k < n; ++k) values[k] = pictures[k].data[i];
+      for (std::size_t k = 0; k < n; ++k) values[k] = images[k].data[i];
       std::nth_element(values.begin(), middle, values.begin() + static_cast<std::ptrdiff_t>(n));
       median.data[i] = *middle;
     }
@@ -37,18 +37,18 @@ Result<encoder::Image8> median_background(const encoder::PreparedCapture& captur
                                           const std::vector<int>& frames) {
   const std::vector<std::size_t> chosen = median_frames(frames.size());
   if (chosen.empty()) return encoder::Image8{};
-  std::vector<encoder::Image8> pictures(chosen.size());
+  std::vector<encoder::Image8> images(chosen.size());
   std::vector<Status> loading(chosen.size());
   parallel_for(std::size_t{0}, chosen.size(), [&](std::size_t k) {
     auto loaded = encoder::load_frame(capture, camera, frames[chosen[k]]);
     if (loaded.ok()) {
-      pictures[k] = std::move(*loaded);
+      images[k] = std::move(*loaded);
     } else {
       loading[k] = loaded.status();
     }
   });
   for (const Status& status : loading) STGS_TRY(status);
-  return median_of(pictures);
+  return median_of(images);
 }
 
 ErrorSum& ErrorSum::operator+=(const ErrorSum& other) {
@@ -57,18 +57,18 @@ ErrorSum& ErrorSum::operator+=(const ErrorSum& other) {
   return *this;
 }
 
-ErrorSum moving_error(const Image& picture, const encoder::Image8& truth,
+ErrorSum moving_error(const Image& image, const encoder::Image8& ground_truth,
                       const encoder::Image8& background) {
   ErrorSum sum;
-  const std::size_t pixels = static_cast<std::size_t>(truth.width) * truth.height;
+  const std::size_t pixels = static_cast<std::size_t>(ground_truth.width) * ground_truth.height;
   for (std::size_t i = 0; i < pixels; ++i) {
-    const std::uint8_t *t = &truth.data[3 * i], *b = &background.data[3 * i];
+    const std::uint8_t *t = &ground_truth.data[3 * i], *b = &background.data[3 * i];
     const int change =
         std::max({std::abs(t[0] - b[0]), std::abs(t[1] - b[1]), std::abs(t[2] - b[2])});
     if (change <= kMovingThreshold) continue;
     ++sum.pixels;
     for (int c = 0; c < 3; ++c) {
-      const double d = static_cast<double>(picture.plane(c)[i]) - t[c] / 255.0;
+      const double d = static_cast<double>(image.plane(c)[i]) - t[c] / 255.0;
       sum.squares += d * d;
     }
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What moves in a camera's pictures: the pixels that differ from the camera's median background.
+// Moving pixels of a camera: those that differ from the median background of its frames.
 #pragma once
 
 #include <cstdint>
@@ -11,36 +11,37 @@
 
 namespace stgs::tools {
 
-// A pixel moves where a channel differs from the background by more than this, of 255.
+// A pixel is moving if a channel differs from the background by more than this, of 255.
 inline constexpr int kMovingThreshold = 20;
-// The background is the median of an odd number of frames, spread over those given; fewer say
-// little about what stands still.
-inline constexpr std::size_t kFewestMedianFrames = 5, kMostMedianFrames = 15;
+// The background is the median of an odd number of frames, spread evenly. Fewer than the minimum
+// would leave moving content in it.
+inline constexpr std::size_t kMinMedianFrames = 5, kMaxMedianFrames = 15;
 
-// Of `count` frames, the indices that the median is taken of; empty where they are too few.
+// Returns the indices, of `count` frames, that the median uses; empty if there are too few frames.
 std::vector<std::size_t> median_frames(std::size_t count);
 
-// The median, channel by channel, of an odd number of pictures of one size.
-encoder::Image8 median_of(const std::vector<encoder::Image8>& pictures);
+// Returns the median per channel of an odd number of images of the same size.
+encoder::Image8 median_of(const std::vector<encoder::Image8>& images);
 
-// The median background of a camera over these frames of a capture, an empty picture where they are
-// too few. Holds up to kMostMedianFrames pictures meanwhile.
+// Returns the median background of a camera over these frames of a capture, or an empty image if
+// there are too few. Holds up to kMaxMedianFrames decoded images meanwhile.
 Result<encoder::Image8> median_background(const encoder::PreparedCapture& capture,
                                           const encoder::Camera& camera,
                                           const std::vector<int>& frames);
 
-// Squared errors summed over pixels and channels.
+// Sum of squared errors over pixels and channels.
 struct ErrorSum {
   double squares = 0;
   std::uint64_t pixels = 0;
 
   ErrorSum& operator+=(const ErrorSum& other);
-  // Mean squared error; there must be pixels.
+  // Returns the mean squared error. Requires pixels > 0.
   double mean() const { return squares / (3.0 * static_cast<double>(pixels)); }
 };
 
-// The error of a picture against the truth within what moves in the truth. All of one size.
-ErrorSum moving_error(const Image& picture, const encoder::Image8& truth,
+// Returns the error of an image over the moving pixels of the ground truth. All three have the same
+// size.
+ErrorSum moving_error(const Image& image, const encoder::Image8& ground_truth,
                       const encoder::Image8& background);
 
 }  // namespace stgs::tools

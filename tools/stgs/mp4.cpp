@@ -22,11 +22,11 @@ class Mp4Writer final : public VideoWriter {
         fps_(1.0 / time_base.seconds(1)),
         log_(std::move(log)) {}
 
-  Status add(const encoder::Image8& picture) override {
+  Status add(const encoder::Image8& frame) override {
     try {
-      if (frames_ == 0) STGS_TRY(open(picture.width, picture.height));
-      const cv::Mat rgb(picture.height, picture.width, CV_8UC3,
-                        const_cast<std::uint8_t*>(picture.data.data()));
+      if (frames_ == 0) STGS_TRY(open(frame.width, frame.height));
+      const cv::Mat rgb(frame.height, frame.width, CV_8UC3,
+                        const_cast<std::uint8_t*>(frame.data.data()));
       cv::cvtColor(rgb, bgr_, cv::COLOR_RGB2BGR);
       writer_.write(bgr_);
       ++frames_;
@@ -36,7 +36,7 @@ class Mp4Writer final : public VideoWriter {
     return {};
   }
 
-  // OpenCV reports no write error, so what was written is opened and counted.
+  // OpenCV reports no write errors: reopen the file and count its frames.
   Status finish() override {
     try {
       writer_.release();
@@ -44,7 +44,7 @@ class Mp4Writer final : public VideoWriter {
       const int found =
           check.isOpened() ? static_cast<int>(check.get(cv::CAP_PROP_FRAME_COUNT)) : 0;
       if (found != frames_) {
-        return io_error("{}: cannot write: only {} of {} frames arrived; is the disk full?", path_,
+        return io_error("{}: cannot write: the file has {} of {} frames; is the disk full?", path_,
                         found, frames_);
       }
     } catch (const std::exception& error) {
@@ -58,8 +58,8 @@ class Mp4Writer final : public VideoWriter {
  private:
   Status open(int width, int height) {
     if (width % 2 != 0 || height % 2 != 0) {
-      return usage_error("{}: mp4 needs even sides, not {}x{}; choose a --size", path_, width,
-                         height);
+      return usage_error("{}: mp4 needs an even width and height, not {}x{}; use --size", path_,
+                         width, height);
     }
     STGS_TRY(check_can_write(path_));
     const cv::Size size(width, height);
@@ -69,11 +69,10 @@ class Mp4Writer final : public VideoWriter {
     };
     if (try_codec("avc1")) return {};
     if (try_codec("mp4v")) {
-      log_(1, fmt::format("{}: H.264 is not available in OpenCV here; written as MPEG-4 part 2",
-                          path_));
+      log_(1, fmt::format("{}: OpenCV has no H.264 encoder; writing MPEG-4 part 2", path_));
       return {};
     }
-    return unsupported("{}: OpenCV here can encode neither H.264 nor MPEG-4; write .y4m", path_);
+    return unsupported("{}: OpenCV has neither an H.264 nor an MPEG-4 encoder; write .y4m", path_);
   }
 
   std::string path_;
@@ -96,8 +95,9 @@ Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, Ti
 
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
                                                      const encoder::LogSink&) {
-  return not_built("{}: this build has no mp4; install OpenCV and build again, or write .y4m",
-                   path);
+  return not_built(
+      "{}: this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev",
+      path);
 }
 
 #endif

@@ -11,13 +11,13 @@
 namespace stgs::tools {
 namespace {
 
-// The whole text as an integer.
+// Parses the entire text as an integer.
 bool read_int(std::string_view text, int& value) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   return error == std::errc() && end == text.data() + text.size();
 }
 
-// The whole text as a finite number.
+// Parses the entire text as a finite number.
 bool read_number(const std::string& text, double& value) {
   if (text.empty() || std::isspace(static_cast<unsigned char>(text[0])) != 0) return false;
   char* end = nullptr;
@@ -25,6 +25,7 @@ bool read_number(const std::string& text, double& value) {
   return *end == '\0' && std::isfinite(value);
 }
 
+// Returns the Levenshtein distance.
 std::size_t edits(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
   for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
@@ -51,8 +52,8 @@ Result<Size> parse_size(const std::string& text) {
   const auto side = [](int v) { return v >= 1 && v <= kMaxImageSide; };
   if (!read || !side(size.width) || !side(size.height)) {
     return usage_error(
-        "'{}' is not a size; write WIDTHxHEIGHT in pixels, each 1 to {}, such as 1280x720", text,
-        kMaxImageSide);
+        "'{}' is not a size; expected WIDTHxHEIGHT in pixels, each 1 to {}, for example 1280x720",
+        text, kMaxImageSide);
   }
   return size;
 }
@@ -60,12 +61,12 @@ Result<Size> parse_size(const std::string& text) {
 Result<std::uint64_t> parse_bytes(const std::string& text) {
   constexpr std::string_view kUnits = "KMGT";
   const std::size_t unit = text.empty() ? std::string_view::npos : kUnits.find(text.back());
-  const bool whole = unit == std::string_view::npos;
+  const bool has_no_unit = unit == std::string_view::npos;
   double number = 0;
-  const bool read = read_number(whole ? text : text.substr(0, text.size() - 1), number);
-  const double bytes = whole ? number : std::ldexp(number, 10 * static_cast<int>(unit + 1));
+  const bool read = read_number(has_no_unit ? text : text.substr(0, text.size() - 1), number);
+  const double bytes = has_no_unit ? number : std::ldexp(number, 10 * static_cast<int>(unit + 1));
   if (!read || !(bytes >= 1.0) || bytes >= 0x1p63) {
-    return usage_error("'{}' is not a size in bytes; write for example 512M or 8G", text);
+    return usage_error("'{}' is not a size in bytes; expected for example 512M or 8G", text);
   }
   return static_cast<std::uint64_t>(bytes);
 }
@@ -80,10 +81,10 @@ Result<FrameRange> parse_open_frames(const std::string& text) {
   }
   if (!read || range.begin < 0) {
     return usage_error(
-        "'{}' is not a range of frames; write FIRST:END, such as 0:30 for frames 0 to 29", text);
+        "'{}' is not a frame range; expected FIRST:END, for example 0:30 for frames 0 to 29", text);
   }
   if (range.end >= 0 && range.end <= range.begin) {
-    return usage_error("frames {} hold nothing: the end must be greater than the first", text);
+    return usage_error("frame range {} is empty; END must be greater than FIRST", text);
   }
   return range;
 }
@@ -92,7 +93,8 @@ Result<FrameRange> parse_frames(const std::string& text, int total) {
   STGS_ASSIGN(FrameRange range, parse_open_frames(text));
   if (range.end < 0) range.end = total;
   if (range.begin >= total || range.end > total) {
-    return usage_error("frames {} are out of range: there are {} frames, 0:{}", text, total, total);
+    return usage_error("frame range {} is out of range; the clip has {}, 0:{}", text,
+                       total == 1 ? "1 frame" : fmt::format("{} frames", total), total);
   }
   return range;
 }
@@ -105,7 +107,8 @@ Result<std::vector<float>> parse_colour(const std::string& text) {
     colour.push_back(static_cast<float>(value));
   }
   if (colour.size() != 3 || std::count(text.begin(), text.end(), ',') != 2) {
-    return usage_error("'{}' is not a colour; write r,g,b, each from 0 to 1, such as 1,1,1", text);
+    return usage_error("'{}' is not a colour; expected r,g,b, each from 0 to 1, for example 1,1,1",
+                       text);
   }
   return colour;
 }
@@ -126,17 +129,17 @@ std::function<std::string(const std::string&)> number_between(double low, double
     double value = 0;
     if (!read_number(text, value)) return fmt::format("'{}' is not a number", text);
     if (value < low || value > high) {
-      return fmt::format("{} is out of range; it must be from {} to {}", text, low, high);
+      return fmt::format("{} is out of range; expected {} to {}", text, low, high);
     }
     return {};
   };
 }
 
-std::string check_whole_number(const std::string& text) {
+std::string check_integer(const std::string& text) {
   std::uint64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const bool read = error == std::errc() && end == text.data() + text.size();
-  return read ? "" : fmt::format("'{}' is not a whole number from 0 to 2^64 - 1", text);
+  return read ? "" : fmt::format("'{}' is not an integer from 0 to 2^64 - 1", text);
 }
 
 std::string nearest_word(const std::string& word, const std::vector<std::string>& candidates) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading what a person types: sizes, ranges, colours, numbers in a range, and near misses.
+// Parsers of option values: sizes, ranges, colours, numbers; and the nearest known word.
 #pragma once
 
 #include <cstdint>
@@ -18,28 +18,29 @@ struct FrameRange {
   int begin = 0, end = 0;  // [begin, end)
 };
 
-// "1280x720"; each side 1 to 32768.
+// Parses "1280x720"; each side 1 to 32768.
 Result<Size> parse_size(const std::string& text);
-// "A:B", "A:" (to the end) or ":B", as [A, B); `total` frames bound it.
+// Parses "A:B", "A:" (to the end) or ":B" as [A, B), within [0, total).
 Result<FrameRange> parse_frames(const std::string& text, int total);
-// The same where the end is not known yet: an open end is -1.
+// As parse_frames, before the number of frames is known: an open end is -1.
 Result<FrameRange> parse_open_frames(const std::string& text);
-// "r,g,b", each 0 to 1.
+// Parses "r,g,b", each 0 to 1.
 Result<std::vector<float>> parse_colour(const std::string& text);
-// "a,b,c" -> {a, b, c}; empty parts are left out.
+// Splits "a,b,c" into {a, b, c}; drops empty parts.
 std::vector<std::string> split_list(const std::string& text);
 
-// "512M", "8G", "1.5T": bytes, a whole number without a letter; K, M, G and T are powers of 1024.
-// At least 1.
+// Parses "512M", "8G" or "1.5T" as bytes. K, M, G and T are powers of 1024; without a letter the
+// unit is one byte. At least 1.
 Result<std::uint64_t> parse_bytes(const std::string& text);
 
-// A CLI11 validator function: empty if `text` is a finite number in [low, high], else the reason.
+// Returns a CLI11 validator: it returns "" if its argument is a finite number in [low, high], and
+// the reason otherwise.
 std::function<std::string(const std::string&)> number_between(double low, double high);
 
-// The same for a whole number from 0 to 2^64 - 1.
-std::string check_whole_number(const std::string& text);
+// A CLI11 validator for integers from 0 to 2^64 - 1.
+std::string check_integer(const std::string& text);
 
-// The candidate nearest to `word` in edits, if near enough to be meant; else "".
+// Returns the candidate with the fewest edits from `word`, or "" if none is close.
 std::string nearest_word(const std::string& word, const std::vector<std::string>& candidates);
 
 }  // namespace stgs::tools

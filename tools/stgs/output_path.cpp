@@ -15,7 +15,7 @@ std::string without_slashes(std::string folder) {
   return folder;
 }
 
-// The name of a work folder, or of a temporary file, is a process id between these two.
+// A work folder is named by a process id between these two parts.
 struct NameParts {
   std::string before, after;
 };
@@ -26,9 +26,9 @@ NameParts work_parts(const fs::path& path) {
 }  // namespace
 
 std::string work_name(const std::string& path) {
-  const fs::path whole(path);
-  const NameParts parts = work_parts(whole);
-  return (whole.parent_path() / fmt::format("{}{}{}", parts.before, ::getpid(), parts.after))
+  const fs::path full(path);
+  const NameParts parts = work_parts(full);
+  return (full.parent_path() / fmt::format("{}{}{}", parts.before, ::getpid(), parts.after))
       .string();
 }
 
@@ -47,18 +47,18 @@ Status check_can_make_folder(const std::string& path) {
   return check_can_write(fs::exists(status) ? folder + "/probe" : folder);
 }
 
-bool lies_in_new(const std::string& path, const std::string& folder) {
+bool is_in_new_folder(const std::string& path, const std::string& folder) {
   std::error_code error;
   if (folder.empty() || fs::status(folder, error).type() != fs::file_type::not_found) return false;
-  const auto whole = [&error](const std::string& name) {
+  const auto canonical = [&error](const std::string& name) {
     return fs::weakly_canonical(fs::absolute(without_slashes(name), error), error);
   };
-  const fs::path inner = whole(path), outer = whole(folder);
+  const fs::path inner = canonical(path), outer = canonical(folder);
   return !error && inner.parent_path() == outer;
 }
 
 RemovedPath::~RemovedPath() {
-  std::error_code ignored;  // a destructor has nobody to tell; the path is a temporary
+  std::error_code ignored;  // a temporary that stays behind is not worth an error
   if (!path_.empty()) fs::remove_all(path_, ignored);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the verbs ask of a place before they write there, and how they leave none of their work.
+// Checks of output paths before long work, and temporary paths that clean up after themselves.
 #pragma once
 
 #include <string>
@@ -11,17 +11,17 @@
 
 namespace stgs::tools {
 
-// The temporary folder that belongs to `path`, for this process.
+// Returns the temporary folder of this process for an output at `path`.
 std::string work_name(const std::string& path);
-// Removes the folders that work_name gave to processes that have ended without removing them, on
-// this machine, and returns their names. A folder that cannot be removed stays.
+// Removes work folders of `path` whose process on this machine has ended, and returns their names.
+// Folders that cannot be removed stay.
 std::vector<std::string> remove_stale_work(const std::string& path);
-// As check_can_write, for a new or existing folder.
+// As check_can_write(), for a new or existing folder.
 Status check_can_make_folder(const std::string& path);
-// Whether a path lies right in a folder that is not there yet.
-bool lies_in_new(const std::string& path, const std::string& folder);
+// Returns whether `path` is a direct child of a folder that does not exist yet.
+bool is_in_new_folder(const std::string& path, const std::string& folder);
 
-// A path that is removed, with all in it, when this goes, unless kept.
+// Removes a file or folder in its destructor, unless keep() was called.
 class RemovedPath {
  public:
   explicit RemovedPath(std::string path) : path_(std::move(path)) {}

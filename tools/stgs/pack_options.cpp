@@ -11,40 +11,38 @@ namespace stgs::tools {
 void PackOptions::declare(CLI::App& app) {
   const char* group = "Packing";
   app.add_option("--profile", profile_,
-                 "quantised, or draco: the same primitives with their positions as Draco point\n"
-                 "clouds, for comparing; whoever reads the file needs libdraco")
+                 "quantised, or draco: positions coded as Draco point clouds, for comparison;\n"
+                 "decoding then needs libdraco")
       ->check(CLI::IsMember({profile_name(Profile::kQuantised), profile_name(Profile::kDraco)}))
       ->capture_default_str()
       ->group(group);
-  auto* quality =
-      app.add_option("--quality", quality_, "0 (smallest) to 100 (nearest to what was trained)")
-          ->check(number_between(0, 100))
-          ->capture_default_str()
-          ->group(group);
+  auto* quality = app.add_option("--quality", quality_,
+                                 "0 (smallest file) to 100 (closest to the trained scene)")
+                      ->check(number_between(0, 100))
+                      ->capture_default_str()
+                      ->group(group);
   app.add_option("--target-kbps", target_kbps_,
-                 "Instead: the best quality whose mean bit rate is not above this, kbit/s")
+                 "Instead of --quality: the best quality within this mean bit rate, kbit/s")
       ->check(number_between(0.001, 1e9))
       ->excludes(quality)
       ->group(group);
   app.add_option("--max-error", max_error_,
-                 "No primitive lies farther from where it was at any moment than this, in\n"
-                 "thousandths of a scene unit: mm, where that is a metre")
+                 "Largest position error of a primitive at any time, in 1/1000 of a scene unit\n"
+                 "(mm if the unit is a metre)")
       ->check(number_between(1e-6, 1e9))
       ->group(group);
   app.add_option("--chunk", chunk_seconds_,
-                 "Shortest segment of the timeline, seconds; chosen for the scene's lifespans "
-                 "where it is not given")
+                 "Shortest segment of the timeline, seconds (default: chosen from the lifespans)")
       ->check(number_between(0.01, 3600))
       ->group(group);
   app.add_option(
          "--tiers", tiers_,
-         "Parts of the scene by importance, of like size: a player may begin with the first "
-         "alone. 3 where it is not given, or a small one and ever larger ones where a moment "
-         "has many primitives")
+         "Number of tiers: the primitives by importance, so that a player can start with the "
+         "first tier (default: 3 of similar size; more, of increasing size, if many primitives "
+         "are active at once)")
       ->check(number_between(1, 16))
       ->group(group);
-  app.add_option("--metres-per-unit", metres_,
-                 "How many metres a scene unit is, for the file to say")
+  app.add_option("--metres-per-unit", metres_per_unit_, "Metadata: metres per scene unit")
       ->check(number_between(1e-9, 1e9))
       ->group(group);
   const auto vector = [&](const char* name, std::vector<float>& to, const char* about) {
@@ -54,16 +52,16 @@ void PackOptions::declare(CLI::App& app) {
         ->check(number_between(-1e9, 1e9))
         ->group(group);
   };
-  vector("--up", up_, "X,Y,Z: the direction against gravity, for the file to say");
-  vector("--floor", floor_, "X,Y,Z: a point of the floor, beside --up, in scene units");
-  auto* sound =
-      app.add_option("--audio", sound_,
-                     "Where its sound is, for the file to say: a URI, or a path from the\n"
-                     "file's own folder")
-          ->group(group);
-  app.add_option("--audio-offset", sound_seconds_, "The moment at which the sound begins, seconds")
+  vector("--up", up_, "Metadata: up direction (against gravity) as X,Y,Z");
+  vector("--floor", floor_, "Metadata: a point on the floor as X,Y,Z in scene units; with --up");
+  auto* audio = app.add_option("--audio", audio_,
+                               "Metadata: location of the audio, as a URI or as a path relative to "
+                               "the .stgs file")
+                    ->group(group);
+  app.add_option("--audio-offset", audio_seconds_,
+                 "Metadata: time in the clip at which the audio starts, seconds")
       ->check(number_between(-1e6, 1e6))
-      ->needs(sound)
+      ->needs(audio)
       ->group(group);
 }
 
@@ -78,11 +76,11 @@ encoder::PackSettings PackOptions::settings() const {
   const auto point = [](const std::vector<float>& v) {
     return v.size() == 3 ? std::optional(std::array{v[0], v[1], v[2]}) : std::nullopt;
   };
-  if (metres_ > 0) settings.metres_per_unit = static_cast<float>(metres_);
+  if (metres_per_unit_ > 0) settings.metres_per_unit = static_cast<float>(metres_per_unit_);
   settings.up = point(up_);
   settings.floor = point(floor_);
-  if (!sound_.empty()) settings.audio = sound_;
-  settings.audio_begin = sound_seconds_;
+  if (!audio_.empty()) settings.audio = audio_;
+  settings.audio_begin = audio_seconds_;
   return settings;
 }
 
@@ -128,15 +126,16 @@ Json to_json(const encoder::PackReport& report) {
             {"sigma_max", report.sigma_max}}}};
 }
 
-std::string loss_text(const encoder::PackReport& report) {
+std::string quality_text(const encoder::PackReport& report) {
   std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
   out += report.images_psnr
-             ? fmt::format("its pictures are {:.1f} dB from the scene's", *report.images_psnr)
-             : std::string("its pictures were not compared");
+             ? fmt::format("PSNR against the trained scene {:.1f} dB", *report.images_psnr)
+             : std::string("PSNR against the trained scene not measured (no start camera)");
   if (report.held_out_before && report.held_out_after) {
     const double before = report.held_out_before->psnr, after = report.held_out_after->psnr;
-    out += fmt::format("; held-out pictures {:.2f} dB, before {:.2f}: packing cost {:.2f} dB",
-                       after, before, before - after);
+    out += fmt::format(
+        "; held-out cameras {:.2f} dB, before packing {:.2f} dB: packing cost {:.2f} dB", after,
+        before, before - after);
   }
   return out + "\n";
 }

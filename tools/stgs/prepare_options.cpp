@@ -9,32 +9,36 @@ namespace stgs::tools {
 
 void PrepareOptions::declare(CLI::App& app) {
   const char* group = "Preparing";
-  app.add_option("--layout", layout_,
-                 "auto, n3dv, panoptic, easyvolcap, colmap, nerfstudio or videos")
+  app.add_option(
+         "--layout", layout_,
+         "Layout of CAPTURE: auto, n3dv, panoptic, easyvolcap, colmap, nerfstudio or videos")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--frames", frames_, "Frames FIRST:END of the source, END not included; else all")
+  app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
       ->group(group);
-  app.add_option("--scale", scale_, "Of the pictures, up to 1")
+  app.add_option("--scale", scale_, "Scale factor of the images, up to 1")
       ->check(number_between(0.01, 1))
       ->capture_default_str()
       ->group(group);
-  app.add_option("--test-cameras", test_cameras_,
-                 "Cameras to hold out: names with commas, or none; else as the layout says")
+  app.add_option(
+         "--test-cameras", test_cameras_,
+         "Cameras to hold out: comma-separated names, or none (default: as the layout defines)")
       ->group(group);
-  app.add_option("--fps", fps_, "Frames a second of folders of pictures; else as the layout says")
+  app.add_option("--fps", fps_, "Frame rate of image folders (default: as the layout defines)")
       ->check(number_between(0.001, 100000))
       ->group(group);
-  app.add_option("--max-dynamic-points", max_dynamic_points_, "Moving initial points a frame")
+  app.add_option("--max-dynamic-points", max_dynamic_points_,
+                 "Maximum number of dynamic initial points per frame")
       ->check(number_between(1, 1e9))
       ->group(group);
-  app.add_option("--max-static-points", max_static_points_, "Still initial points")
+  app.add_option("--max-static-points", max_static_points_,
+                 "Maximum number of static initial points")
       ->check(number_between(1, 1e9))
       ->group(group);
   app.add_flag("--no-split", no_split_,
-               "Look for nothing that moves: one cloud of still points, from the first frame")
+               "Skip motion detection: use static points of the first frame only")
       ->group(group);
-  app.add_flag("--overwrite", overwrite_, "Replace a prepared capture that is there")->group(group);
+  app.add_flag("--overwrite", overwrite_, "Replace an existing prepared capture")->group(group);
 }
 
 #ifdef STGS_HAS_PREPARE
@@ -72,8 +76,8 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
 Status prepare_stage(const std::string& capture, const std::string&, const PrepareOptions&,
                      Session&, const std::function<Status(const encoder::PreparedCapture&)>&) {
   return not_built(
-      "{}: this build cannot prepare captures: install OpenCV (libopencv-dev) and build again "
-      "with STGS_WITH_PREPARE=ON, or prepare on another machine",
+      "{}: this build cannot prepare captures (no OpenCV); rebuild with libopencv-dev and "
+      "STGS_WITH_PREPARE=ON, or prepare on another machine",
       capture);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text of foreign files, made harmless for a terminal.
+// Escapes untrusted text for terminals.
 #pragma once
 
 #include <string>
@@ -7,9 +7,9 @@
 
 namespace stgs::tools {
 
-// With control characters (C0, DEL, and C1 in UTF-8) as \\xNN, but for line feeds and tabs.
+// Escapes control characters (C0, DEL, and C1 in UTF-8) as \\xNN, except line feeds and tabs.
 std::string printable(std::string_view text);
-// The same, line feeds and tabs too: for a text that stands within a line.
+// As printable(), but also escapes line feeds and tabs, for text within a line.
 std::string one_line(std::string_view text);
 
 }  // namespace stgs::tools

@@ -33,19 +33,22 @@ struct Verb {
 
 void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
   const char* group = "Common options";
-  app.add_option("--format", options.format, "Results as text or json")
+  app.add_option("--format", options.format, "Output format: text or json")
       ->check(CLI::IsMember({"text", "json"}))
       ->capture_default_str()
       ->group(group);
   if (shared.progress) {
-    app.add_option("--progress", options.progress,
-                   "On standard error: auto (a bar on a terminal), bar, json (a line a step), none")
+    app.add_option(
+           "--progress", options.progress,
+           "Progress on standard error: auto (a bar on a terminal), bar, json (one object per "
+           "line) or none")
         ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
         ->capture_default_str()
         ->group(group);
   }
   if (shared.log_level) {
-    app.add_option("--log-level", options.log_level, "error, warning, info or debug")
+    app.add_option("--log-level", options.log_level,
+                   "Messages to print: error, warning, info or debug")
         ->check(CLI::IsMember({"error", "warning", "info", "debug"}))
         ->capture_default_str()
         ->group(group);
@@ -62,14 +65,14 @@ void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options)
   }
   if (shared.threads) {
     app.add_option("--threads", options.threads,
-                   "Threads at most; 0: all. Results do not depend on it")
+                   "Maximum number of threads; 0: all cores. Does not change results")
         ->check(number_between(0, 4096))
         ->capture_default_str()
         ->group(group);
   }
   if (shared.seed) {
-    app.add_option("--seed", options.seed, "Seed of whatever is random")
-        ->check(check_whole_number)
+    app.add_option("--seed", options.seed, "Seed of the random choices")
+        ->check(check_integer)
         ->capture_default_str()
         ->group(group);
   }
@@ -93,7 +96,7 @@ int usage(const std::string& message) {
   return static_cast<int>(StatusCode::kUsage);
 }
 
-// Names of the options of an app, "--size" and the like.
+// Returns the long option names of an app, with their dashes.
 std::vector<std::string> option_names(const CLI::App& app) {
   std::vector<std::string> names;
   for (const CLI::Option* option : app.get_options()) {
@@ -102,7 +105,7 @@ std::vector<std::string> option_names(const CLI::App& app) {
   return names;
 }
 
-// What CLI11 found wrong, with the option that was probably meant.
+// Reports a parse error of CLI11 and suggests the option that was probably meant.
 int usage_of_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   std::string where = "stgs", message = error.what();
   // "--size: At Most 1 required but received 2"
@@ -132,7 +135,7 @@ int unknown_verb(const std::string& word, const std::vector<Verb>& verbs) {
   return usage(fmt::format("unknown verb '{}'; the verbs are {}", word, fmt::join(names, ", ")));
 }
 
-// The arguments, quoted where a shell would need it.
+// Returns the command line, with arguments quoted for a shell.
 std::string command_line(int argc, char** argv) {
   std::string line = "stgs";
   for (int i = 1; i < argc; ++i) {
@@ -149,14 +152,14 @@ std::string command_line(int argc, char** argv) {
   return line;
 }
 
-// OpenCV and FFmpeg write lines of their own to standard error, about files of which we say what is
-// wrong: they are for --log-level debug. Before any thread is there, since it sets the environment.
+// Silences OpenCV and FFmpeg, which print to standard error, unless --log-level is debug. Call
+// before any thread starts: it changes the environment.
 void set_up_opencv(const CommonOptions& options) {
 #ifdef STGS_HAS_PREPARE
   if (options.threads > 0) cv::setNumThreads(options.threads);
   if (options.log_level == "debug") return;
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  // Read by OpenCV when it first opens a video; AV_LOG_QUIET. What the user has set stays.
+  // OpenCV reads it when it first opens a video; -8 is AV_LOG_QUIET. A value set by the user stays.
   ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
 #else
   (void)options;
@@ -209,11 +212,11 @@ int run_program(int argc, char** argv) {
       "from any viewpoint.",
       "stgs");
   app.footer(
-      fmt::format("'stgs VERB --help' tells more about a verb.\n\nExample:\n"
+      fmt::format("Run 'stgs VERB --help' for the options of a verb.\n\nExample:\n"
                   "  stgs encode CAPTURE -o scene.stgs\n"
-                  "  stgs render scene.stgs --time 0.5 -o picture.png\n\n{}",
+                  "  stgs render scene.stgs --time 0.5 -o image.png\n\n{}",
                   kExitCodes));
-  app.set_version_flag("--version", version_text, "Print the version and what is built in");
+  app.set_version_flag("--version", version_text, "Print the version and the built-in features");
   app.require_subcommand(0, 1);
   Session session;
   session.command = command_line(argc, argv);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the command line to a verb's run, and from its status to the exit code.
+// The program: from the command line to a verb, and from the verb's status to the exit code.
 #pragma once
 
 #include <string>
@@ -8,10 +8,10 @@
 
 namespace stgs::tools {
 
-// The exit code; every message has been printed.
+// Runs the program and returns its exit code. All messages have been printed.
 int run_program(int argc, char** argv);
 
-// Program, format version, vector target, backends and what is built in.
+// Returns the text of --version: program, format version, vector target, backends and features.
 std::string version_text();
 
 }  // namespace stgs::tools

@@ -21,9 +21,9 @@
 namespace stgs::tools {
 namespace {
 
-constexpr double kShowEvery = 0.1;  // seconds between two updates of the same stage
+constexpr double kShowInterval = 0.1;  // seconds between two updates of the same stage
 constexpr int kBarWidth = 28;
-constexpr std::chrono::milliseconds kLookEvery(50);  // at signals, for what waits
+constexpr std::chrono::milliseconds kSignalPoll(50);  // of the watcher thread
 
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler");
@@ -31,8 +31,8 @@ static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler"
 std::atomic<std::time_t> stop_requested_at{0};
 static_assert(std::atomic<std::time_t>::is_always_lock_free, "used in a signal handler");
 
-// A second signal ends the program at once, unless it comes with the first: a terminal and a
-// 'timeout' both tell the same process.
+// A second signal ends the program at once, unless it arrives within a second of the first: a
+// terminal and `timeout` may both signal this process.
 void request_stop(int signal) {
   const std::time_t now = std::time(nullptr);
   if (!stop_requested.exchange(true)) {
@@ -44,10 +44,10 @@ void request_stop(int signal) {
 }
 
 std::string duration_text(double seconds) {
-  const auto whole = static_cast<long>(seconds + 0.5);
-  if (whole < 60) return fmt::format("{} s", whole);
-  if (whole < 3600) return fmt::format("{}:{:02} min", whole / 60, whole % 60);
-  return fmt::format("{}:{:02} h", whole / 3600, whole / 60 % 60);
+  const auto total = static_cast<long>(seconds + 0.5);
+  if (total < 60) return fmt::format("{} s", total);
+  if (total < 3600) return fmt::format("{}:{:02} min", total / 60, total % 60);
+  return fmt::format("{}:{:02} h", total / 3600, total / 60 % 60);
 }
 
 int level_of(const std::string& name) {
@@ -74,7 +74,7 @@ Status Session::join_world() {
   STGS_ASSIGN(world_, encoder::World::join());
   silent_ = !is_first();
   if (world_ != nullptr && options.threads == 0) {
-    // Processes that were not given cores of their own share the machine's.
+    // Processes without a core binding of their own share the cores of the machine.
     const auto cores = static_cast<int>(sysconf(_SC_NPROCESSORS_ONLN));
     limit_threads(std::clamp(cores / world_->node_size(), 1, concurrency()));
   }
@@ -111,7 +111,7 @@ Status Session::emit(const Json& json, const std::string& text) const {
   return {};
 }
 
-void Session::emit_aside(const Json& json, const std::string& text) const {
+void Session::emit_to_stderr(const Json& json, const std::string& text) const {
   const std::string out = this->json() ? json_text(json, 1) + "\n" : printable(text);
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
@@ -119,7 +119,7 @@ void Session::emit_aside(const Json& json, const std::string& text) const {
 void Session::log(int level, const std::string& line) {
   static constexpr const char* kNames[] = {"error: ", "warning: ", "", "debug: "};
   if (silent_ || level > level_of(options.log_level)) return;
-  const std::lock_guard lock(showing_);
+  const std::lock_guard lock(stderr_mutex_);
   clear_bar();
   const std::string out =
       fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], printable(line));
@@ -147,9 +147,9 @@ bool Session::progress(const std::string& stage, std::size_t done, std::size_t t
 }
 
 std::stop_token Session::stop_token() {
-  if (!watcher_.joinable()) {
-    watcher_ = std::jthread([stop = stop_](const std::stop_token& done) mutable {
-      while (!done.stop_requested() && !interrupted()) std::this_thread::sleep_for(kLookEvery);
+  if (!signal_watcher_.joinable()) {
+    signal_watcher_ = std::jthread([stop = stop_](const std::stop_token& done) mutable {
+      while (!done.stop_requested() && !interrupted()) std::this_thread::sleep_for(kSignalPoll);
       if (interrupted()) stop.request_stop();
     });
   }
@@ -162,11 +162,11 @@ void Session::show(const encoder::Progress& progress) {
   const bool bar =
       options.progress == "bar" || (options.progress == "auto" && ::isatty(STDERR_FILENO) != 0);
   if (!json_lines && !bar) return;
-  const std::lock_guard lock(showing_);
+  const std::lock_guard lock(stderr_mutex_);
   const double now = now_seconds();
   const bool last = progress.done >= 1;
   const bool same = progress.stage == last_stage_;
-  if (same && !last && now - last_shown_ < kShowEvery) return;
+  if (same && !last && now - last_shown_ < kShowInterval) return;
   last_shown_ = now;
   last_stage_ = progress.stage;
   std::string out;
@@ -222,18 +222,23 @@ std::string human_bytes(std::uint64_t bytes) {
   return unit == 0 ? fmt::format("{} B", bytes) : fmt::format("{:.3g} {}", value, kUnits[unit]);
 }
 
-std::string moment_name(const std::string& file, double seconds) {
+std::string plural(std::int64_t count, const char* noun) {
+  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
+}
+
+std::string name_at_time(const std::string& file, double seconds) {
   return fmt::format("{} at {:.6g} s", file, seconds);
 }
 
-Status at_moment(const Status& status, const std::string& file, double seconds) {
+Status with_render_time(const Status& status, const std::string& file, double seconds) {
   if (status.ok()) return status;
   const std::string& message = status.message();
-  if (message.rfind(fmt::format("{}: cannot draw {:.6g} s", file, seconds), 0) == 0) return status;
-  if (message.compare(0, file.size() + 1, file + ":") == 0) {
-    return {status.code(), fmt::format("{} (drawing {:.6g} s)", message, seconds)};
-  }
-  return {status.code(), fmt::format("{}: {}", moment_name(file, seconds), message)};
+  const bool names_file = message.rfind(file + ": ", 0) == 0;
+  // Renderers report their own failures as "FILE: cannot render 1.5 s: ...".
+  const bool names_time = message.find(fmt::format(" {:.6g} s", seconds)) != std::string::npos;
+  if (names_file && names_time) return status;
+  if (names_file) return {status.code(), fmt::format("{} (rendering {:.6g} s)", message, seconds)};
+  return {status.code(), fmt::format("{}: {}", name_at_time(file, seconds), message)};
 }
 
 double now_seconds() {

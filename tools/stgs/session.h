@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the verbs share: the common options, results on standard output, messages and progress on
+// State shared by the verbs: common options, results on standard output, messages and progress on
 // standard error, and interruption.
 #pragma once
 
@@ -19,7 +19,7 @@ namespace stgs::tools {
 
 using Json = nlohmann::ordered_json;
 
-// JSON as text. Bytes that are not UTF-8, as a file's name may hold, become U+FFFD.
+// Returns JSON as text. Bytes that are not UTF-8, for example in a file name, become U+FFFD.
 std::string json_text(const Json& json, int indent = -1);
 
 struct CommonOptions {
@@ -28,42 +28,42 @@ struct CommonOptions {
   std::string log_level = "info";  // error, warning, info or debug
   std::string backend = "auto";
   int threads = 0;         // 0: all
-  std::uint64_t seed = 1;  // of whatever is random
+  std::uint64_t seed = 1;  // for all random choices
 };
 
 class Session {
  public:
   CommonOptions options;
-  std::string command;  // as a shell would take it
+  std::string command;  // the command line, quoted for a shell
 
-  // Applies --threads; call once, before any work. The limit lasts as long as the session.
+  // Applies --threads. Call once, before any work. The limit lasts as long as the session.
   Status start();
 
-  // Joins the other processes where mpirun or srun has started several; all but the first are
-  // silent from then on.
+  // Joins the other processes if mpirun or srun has started several. All processes but the first
+  // are silent from then on.
   Status join_world();
-  // Null where this process is alone.
+  // Null if this is the only process.
   encoder::Ranks* world() const { return world_.get(); }
   bool is_first() const { return world_ == nullptr || world_->rank() == 0; }
-  // The end of the verb's work: what all processes have come to, told by one of them. Returns the
-  // exit code.
+  // Ends the verb: agrees on one status with the other processes and reports it from one of them.
+  // Returns the exit code.
   int conclude(Status status);
 
   bool json() const { return options.format == "json"; }
-  // Prints the result, as JSON or text, to standard output. Of text, here and in log(), control
-  // characters are escaped (printable.h).
+  // Prints the result to standard output, as JSON or text. Control characters in text are escaped,
+  // here and in log() (printable.h).
   Status emit(const Json& json, const std::string& text) const;
-  // The same to standard error, for verbs whose standard output carries a picture stream.
-  void emit_aside(const Json& json, const std::string& text) const;
+  // Prints the result to standard error, for verbs whose standard output carries a video stream.
+  void emit_to_stderr(const Json& json, const std::string& text) const;
 
-  // Any thread may call this. Levels as LogSink: 0 errors, 1 warnings, 2 information, 3 details.
+  // Thread-safe. Levels as in LogSink: 0 error, 1 warning, 2 information, 3 debug.
   void log(int level, const std::string& line);
   encoder::LogSink log_sink();
-  // Shows progress as asked for; tells the work to stop after SIGINT or SIGTERM.
+  // Displays progress as --progress selects. Returns false after SIGINT or SIGTERM.
   encoder::ProgressSink progress_sink();
-  // One step of `total` of a stage has been done; false: stop.
+  // Reports that `done` of `total` steps of a stage are complete. Returns false to stop.
   bool progress(const std::string& stage, std::size_t done, std::size_t total);
-  // Is told to stop by SIGINT or SIGTERM, for what waits.
+  // Returns a token that SIGINT and SIGTERM trigger, for blocking operations.
   std::stop_token stop_token();
 
  private:
@@ -72,29 +72,32 @@ class Session {
   void clear_bar();
 
   std::unique_ptr<encoder::World> world_;
-  std::mutex showing_;  // standard error, and what is shown there
+  std::mutex stderr_mutex_;  // guards standard error and the state of the progress bar
   bool silent_ = false;
   std::shared_ptr<void> thread_limit_;
   bool bar_shown_ = false;
   double last_shown_ = -1;  // seconds of the monotonic clock
   std::string last_stage_;
   std::stop_source stop_;
-  std::jthread watcher_;  // of the signals, where stop_token() is asked for
+  std::jthread signal_watcher_;  // runs once stop_token() has been called
 };
 
-// Catches SIGINT and SIGTERM: the first asks the work to stop, the second ends the program. Ignores
-// SIGPIPE and SIGXFSZ, so that a failing write is an error with a message.
+// Handles SIGINT and SIGTERM: the first asks the work to stop, the second ends the program. Ignores
+// SIGPIPE and SIGXFSZ, so that a failed write is an error with a message.
 void install_signal_handlers();
+// Returns whether SIGINT or SIGTERM has arrived.
 bool interrupted();
 
-// Largest resident memory of this process so far, bytes.
+// Returns the largest resident memory of this process so far, in bytes.
 std::uint64_t peak_memory();
-// 1234567 -> "1.2 MB"; decimal units.
+// Formats bytes with decimal units: 1234567 -> "1.23 MB".
 std::string human_bytes(std::uint64_t bytes);
-// "FILE at 1.5 s", for messages.
-std::string moment_name(const std::string& file, double seconds);
-// The status of drawing a file at a moment; an error's message then says which file and when.
-Status at_moment(const Status& status, const std::string& file, double seconds);
+// Formats a count with its noun: "1 frame", "12 frames"; `noun` is a singular that takes an s.
+std::string plural(std::int64_t count, const char* noun);
+// Returns "FILE at 1.5 s", for messages.
+std::string name_at_time(const std::string& file, double seconds);
+// Adds the file and the time to the message of a failed render. Passes success through.
+Status with_render_time(const Status& status, const std::string& file, double seconds);
 // Seconds of the monotonic clock.
 double now_seconds();
 

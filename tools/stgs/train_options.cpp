@@ -12,88 +12,94 @@ namespace stgs::tools {
 
 void TrainOptions::declare(CLI::App& app) {
   const char* group = "Training";
-  app.add_option("--preset", preset_, "fast, default or best")
+  app.add_option("--preset", preset_, "Training preset: fast, default or best")
       ->check(CLI::IsMember({"fast", "default", "best"}))
       ->capture_default_str()
       ->group(group);
   app.add_option("--iterations", iterations_,
-                 "Views to learn from, one a step and process; else the preset's")
+                 "Training views, one per step and process (default: from the preset)")
       ->check(number_between(1, 1e8))
       ->group(group);
-  app.add_option("--max-primitives", max_primitives_, "Primitives at most; else the preset's")
+  app.add_option("--max-primitives", max_primitives_,
+                 "Maximum number of primitives (default: from the preset)")
       ->check(number_between(1, 2e8))
       ->group(group);
-  app.add_option("--max-seconds", max_seconds_, "Time to train in; the schedule fits itself to it")
+  app.add_option("--max-seconds", max_seconds_, "Time limit in seconds; the schedule adapts to it")
       ->check(number_between(1, 1e8))
       ->group(group);
   app.add_option(
          "--frame-memory", frame_memory_,
-         "Memory for decoded frames, such as 512M or 8G; what does not fit is decoded again "
-         "when it is needed. Else a share of what is free. Frames that steps under way or threads "
-         "that decode still hold come on top")
+         "Memory for decoded frames, for example 512M or 8G (default: a share of the free memory). "
+         "Frames that do not fit are decoded again when needed. Frames in use by steps in flight "
+         "and by decoding threads are extra")
       ->group(group);
-  app.add_option("--resume", resume_,
-                 "Checkpoint to go on from, bit for bit on the same kind of processor or GPU; on "
-                 "another backend with a warning")
+  app.add_option(
+         "--resume", resume_,
+         "Checkpoint to resume from; bit-exact on the same kind of CPU or GPU, with a warning "
+         "on another backend")
       ->group(group);
   auto* checkpoint =
-      app.add_option("--checkpoint", checkpoint_, "Where to write checkpoints, also when stopped")
+      app.add_option("--checkpoint", checkpoint_,
+                     "Write checkpoints to this file, periodically and when interrupted")
           ->group(group);
   app.add_option("--checkpoint-interval", checkpoint_interval_, "Steps between checkpoints")
       ->check(number_between(1, 1e8))
       ->capture_default_str()
       ->needs(checkpoint)
       ->group(group);
-  app.add_option("--ablate", ablate_,
-                 "Leave out, with commas: representation (4DGS's coupled one instead), lifespan (r "
-                 "= 0), modulation (f = 1; with --set velocity_shrink=0 FreeTimeGS's motion), "
-                 "initialisation (the points of the first frame alone, "
-                 "all of them static, v = 0), densification (as 3DGS and 4DGS instead)")
+  app.add_option(
+         "--ablate", ablate_,
+         "Disable parts of the method, comma-separated: representation (use the coupled one "
+         "of 4DGS), lifespan (r = 0), modulation (f = 1; with --set velocity_shrink=0 the "
+         "motion of FreeTimeGS), initialisation (points of the first frame only, all static, "
+         "v = 0), densification (as in 3DGS and 4DGS)")
       ->check(CLI::IsMember(encoder::ablation_names()))
       ->delimiter(',')
       ->allow_extra_args(false)
       ->group(group);
-  app.add_option("--set", overrides_, "KEY=VALUE of a hyper-parameter; may be repeated")
+  app.add_option("--set", overrides_,
+                 "Set a hyper-parameter, KEY=VALUE; repeatable (see --list-parameters)")
       ->allow_extra_args(false)
       ->group(group);
   app.add_option("--perceptual-weights", perceptual_weights_,
-                 "Safetensors file with VGG16's weights, for the perceptual loss; else it is off")
+                 "Safetensors file of VGG16 weights; enables the perceptual loss")
       ->group(group);
-  app.add_option("--log", log_, "File for JSON lines: steps, and held-out measures")->group(group);
+  app.add_option("--log", log_, "Write steps and evaluations to this file, as JSON lines")
+      ->group(group);
   app.add_option("--report", report_,
-                 "Folder for a page with curves, test renders and statistics (index.html)")
+                 "Write a report to this folder: curves, test renders and statistics (index.html)")
       ->group(group);
-  app.add_option("--num-evals", held_out_,
-                 "How often in a run a few pictures of the test cameras are measured; 0: never")
+  app.add_option(
+         "--num-evals", num_evals_,
+         "Number of evaluations on a sample of the held-out cameras during training; 0: none")
       ->check(number_between(0, 1e6))
       ->capture_default_str()
       ->group(group);
 }
 
-Status TrainOptions::check_places(const std::string& log_path,
-                                  std::vector<NamedPath> places) const {
-  places.push_back({"--checkpoint", checkpoint_});
-  places.push_back({log_.empty() ? "--report" : "--log", log_path});
-  places.push_back({"--report", report_});
-  if (!report_.empty()) places.push_back({"--report", report_ + "/index.html"});
-  // A checkpoint may go on in its own place.
+Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedPath> paths) const {
+  paths.push_back({"--checkpoint", checkpoint_});
+  paths.push_back({log_.empty() ? "--report" : "--log", log_path});
+  paths.push_back({"--report", report_});
+  if (!report_.empty()) paths.push_back({"--report", report_ + "/index.html"});
+  // --checkpoint may overwrite the file of --resume.
   if (check_distinct({{"--checkpoint", checkpoint_}, {"--resume", resume_}}).ok()) {
-    places.push_back({"--resume", resume_});
+    paths.push_back({"--resume", resume_});
   }
-  return check_distinct(places);
+  return check_distinct(paths);
 }
 
-Status TrainOptions::check_writable(const std::string& made) const {
+Status TrainOptions::check_writable(const std::string& new_folder) const {
   for (const std::string* path : {&checkpoint_, &log_}) {
-    if (!path->empty() && !lies_in_new(*path, made)) STGS_TRY(check_can_write(*path));
+    if (!path->empty() && !is_in_new_folder(*path, new_folder)) STGS_TRY(check_can_write(*path));
   }
-  if (report_.empty() || lies_in_new(report_, made)) return {};
+  if (report_.empty() || is_in_new_folder(report_, new_folder)) return {};
   return check_can_make_folder(report_);
 }
 
 Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
-                                                      std::vector<NamedPath> written,
-                                                      const std::string& made) const {
+                                                      std::vector<NamedPath> outputs,
+                                                      const std::string& new_folder) const {
   const CommonOptions& common = session.options;
   encoder::TrainSettings settings;
   settings.backend = common.backend;
@@ -112,35 +118,38 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
   settings.checkpoint = checkpoint_;
   settings.checkpoint_interval = checkpoint_interval_;
   settings.log_path = log_;
-  settings.held_out_evaluations = held_out_;
+  settings.held_out_evaluations = num_evals_;
   settings.perceptual_weights = perceptual_weights_;
   std::vector<std::string> names;
   for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
   for (const std::string& text : overrides_) {
     const std::size_t equals = text.find('=');
     if (equals == std::string::npos || equals == 0) {
-      return usage_error("--set {}: write KEY=VALUE; see 'stgs train --list-parameters'", text);
+      return usage_error(
+          "--set {}: expected KEY=VALUE; 'stgs train --list-parameters' lists the keys", text);
     }
     const std::string key = text.substr(0, equals);
     if (std::find(names.begin(), names.end(), key) == names.end()) {
       const std::string near = nearest_word(key, names);
-      return usage_error("--set {}: no such hyper-parameter{}; see 'stgs train --list-parameters'",
-                         key, near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
+      return usage_error(
+          "--set {}: unknown hyper-parameter{}; 'stgs train --list-parameters' lists them", key,
+          near.empty() ? "" : fmt::format(" (did you mean '{}'?)", near));
     }
     if ((key == "iterations" && iterations_ != 0) ||
         (key == "max_primitives" && max_primitives_ != 0)) {
-      return usage_error("--set {}: the option of that name is given too; leave one out", text);
+      return usage_error("--set {}: conflicts with --{}; use one of them", text,
+                         key == "iterations" ? "iterations" : "max-primitives");
     }
     if (std::any_of(settings.overrides.begin(), settings.overrides.end(),
                     [&key](const auto& set) { return set.first == key; })) {
-      return usage_error("--set {}: {} is set twice; leave one out", text, key);
+      return usage_error("--set {}: {} is set twice; set it once", text, key);
     }
     settings.overrides.emplace_back(key, text.substr(equals + 1));
   }
   if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";
   settings.ranks = session.world();
-  STGS_TRY(check_places(settings.log_path, std::move(written)));
-  if (session.is_first()) STGS_TRY(check_writable(made));
+  STGS_TRY(check_paths(settings.log_path, std::move(outputs)));
+  if (session.is_first()) STGS_TRY(check_writable(new_folder));
   return settings;
 }
 
@@ -183,7 +192,7 @@ Status train_to_file(const encoder::PreparedCapture& capture, const std::string&
                      Session& session, encoder::TrainReport& report) {
   if (!settings.checkpoint.empty() && session.is_first()) {
     for (const std::string& file : remove_stale_files(settings.checkpoint)) {
-      session.log(2, fmt::format("{}: removed, a killed training had left it", file));
+      session.log(2, fmt::format("{}: removed; left over from a killed training", file));
     }
   }
   if (!report_folder.empty() && session.is_first()) {

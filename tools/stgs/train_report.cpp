@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <fstream>
 
-#include "picture.h"
+#include "image_io.h"
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/report_page.h"
@@ -19,7 +19,7 @@ namespace {
 
 using Rows = std::vector<std::pair<std::string, std::string>>;
 
-// The value of the first line of a file that starts with `key`, without quotes; "" for none.
+// Returns the value of the first line that starts with `key`, without quotes; "" if there is none.
 std::string value_in(const char* path, const std::string& key) {
   std::ifstream file(path);
   for (std::string line; std::getline(file, line);) {
@@ -35,7 +35,7 @@ Rows machine(const encoder::TrainReport& report) {
   const auto memory = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) *
                       static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
   return {{"backend", report.backend},
-          {"processor", value_in("/proc/cpuinfo", "model name")},
+          {"CPU", value_in("/proc/cpuinfo", "model name")},
           {"threads", fmt::format("{}", concurrency())},
           {"memory", human_bytes(memory)},
           {"system", value_in("/etc/os-release", "PRETTY_NAME")},
@@ -43,40 +43,42 @@ Rows machine(const encoder::TrainReport& report) {
 }
 
 std::string perceptual(const encoder::TrainReport& report) {
-  if (!report.perceptual) return "off";
-  return fmt::format("{}, weights of {}",
+  if (!report.perceptual) return "disabled";
+  return fmt::format("{}, weights from {}",
                      report.perceptual->linear ? "LPIPS (vgg)" : "VGG16, uniform channel weights",
                      report.perceptual->weights);
 }
 
 Rows outcome(const TrainReportInput& input, const SceneStatistics& statistics) {
   const encoder::TrainReport& report = input.report;
-  Rows rows = {{"scene", input.output},
-               {"capture", fmt::format("{}: {} cameras, {} frames", input.capture.folder,
-                                       input.capture.cameras.size(), input.capture.frames)},
-               {"steps", fmt::format("{}", report.iterations)},
-               {"seconds", fmt::format("{:.1f}", report.seconds)},
-               {"primitives", fmt::format("{}", report.primitives)},
-               {"loss", fmt::format("{:.5f}", report.final_loss)},
-               {"static primitives",
-                fmt::format("{:.1f} %: they live over the whole clip and move by at most {:.3g} "
-                            "scene units over it",
-                            100 * statistics.static_share(), statistics.static_bound)},
-               {"perceptual loss", perceptual(report)},
-               {"peak memory", human_bytes(report.peak_memory)},
-               {"decoded frames",
-                fmt::format("{} at most, {}", human_bytes(report.frames.peak),
-                            report.frames.resident ? "all in memory" : "the others from disk")}};
+  Rows rows = {
+      {"scene", input.output},
+      {"capture", fmt::format("{}: {}, {}", input.capture.folder,
+                              plural(std::ssize(input.capture.cameras), "camera"),
+                              plural(input.capture.frames, "frame"))},
+      {"steps", fmt::format("{}", report.iterations)},
+      {"seconds", fmt::format("{:.1f}", report.seconds)},
+      {"primitives", fmt::format("{}", report.primitives)},
+      {"loss", fmt::format("{:.5f}", report.final_loss)},
+      {"static primitives",
+       fmt::format("{:.1f} %: visible in every frame, moving at most {:.3g} scene units over the "
+                   "clip",
+                   100 * statistics.static_share(), statistics.static_bound)},
+      {"perceptual loss", perceptual(report)},
+      {"peak memory", human_bytes(report.peak_memory)},
+      {"decoded frames",
+       fmt::format("peak {}, {}", human_bytes(report.frames.peak),
+                   report.frames.resident ? "all in memory" : "others decoded on demand")}};
   if (report.held_out) {
     rows.emplace_back(
         "held-out views",
-        fmt::format("psnr {:.2f} dB, psnr_cc {:.2f} dB, mean of {} pictures", report.held_out->psnr,
+        fmt::format("psnr {:.2f} dB, psnr_cc {:.2f} dB, mean of {} images", report.held_out->psnr,
                     report.held_out->psnr_cc, report.held_out->images));
   }
   return rows;
 }
 
-// Every curve twice: by iteration and by second.
+// Adds every curve twice: over iterations and over seconds.
 void add_curves(const encoder::TrainingLog& log, bool with_perceptual, encoder::ReportPage& page) {
   for (const bool by_time : {false, true}) {
     const std::string x_label = by_time ? "seconds" : "iteration";
@@ -107,17 +109,17 @@ void add_statistics(const SceneStatistics& statistics, encoder::ReportPage& page
   lifespans.emplace_back("whole clip", static_cast<double>(statistics.whole_clip));
   page.bars({"Primitives by lifespan, seconds", lifespans});
   page.bars(
-      {"Primitives by speed, scene units a second", encoder::histogram_bars(statistics.speeds)});
+      {"Primitives by speed, scene units per second", encoder::histogram_bars(statistics.speeds)});
 }
 
-// Renders the sample of views from the final scene and writes each beside its truth.
+// Renders the sample of views from the final scene and writes each next to its ground truth.
 Status add_renders(const std::string& folder, const TrainReportInput& input,
                    encoder::ReportPage& page) {
   auto views = encoder::sample_views(input.capture, true, encoder::kMaxHeldOutImages);
   const bool test = !views.empty();
   if (!test) views = encoder::sample_views(input.capture, false, encoder::kMaxHeldOutImages);
-  page.heading(test ? "Test cameras, render and truth"
-                    : "No camera was held out: training cameras, render and truth");
+  page.heading(test ? "Test cameras: render and ground truth"
+                    : "Training cameras (none was held out): render and ground truth");
   SplatFrame frame;
   RasterOutput output;
   RasterSettings settings;
@@ -125,19 +127,19 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
   settings.background = {background[0], background[1], background[2]};
   for (const encoder::SampledView& view : views) {
     const encoder::Camera& camera = input.capture.cameras[view.camera];
-    STGS_ASSIGN(const encoder::Image8 truth,
+    STGS_ASSIGN(const encoder::Image8 ground_truth,
                 encoder::load_frame(input.capture, camera, view.frame));
     render(input.scene.gaussians, static_cast<float>(view.frame),
            camera.pinhole(input.capture.near_plane), settings, frame, output);
     for (float& v : output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
-    const double psnr =
-        encoder::psnr_of(encoder::mean_squared_error(output.colour, encoder::to_float(truth)));
+    const double psnr = encoder::psnr_of(
+        encoder::mean_squared_error(output.colour, encoder::to_float(ground_truth)));
     const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
     STGS_TRY(write_png(folder + "/render_" + name, to_8bit(output.colour)));
-    STGS_TRY(write_png(folder + "/truth_" + name, truth));
+    STGS_TRY(write_png(folder + "/ground_truth_" + name, ground_truth));
     const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
     page.image("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
-    page.image("truth_" + name, caption + ": truth");
+    page.image("ground_truth_" + name, caption + ": ground truth");
   }
   return {};
 }
@@ -155,10 +157,11 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   add_curves(log, input.report.perceptual.has_value(), page);
   STGS_TRY(add_renders(folder, input, page));
   page.heading("Lifespans and motion");
-  page.paragraph(fmt::format(
-      "A lifespan is the time during which a primitive's opacity is at least 1/255. {} of {} "
-      "primitives are never visible.",
-      statistics.never_visible, statistics.primitives));
+  page.paragraph(
+      fmt::format("The lifespan of a primitive is the time during which its opacity is at least "
+                  "1/255. {} of {} "
+                  "primitives are never visible.",
+                  statistics.never_visible, statistics.primitives));
   add_statistics(statistics, page);
   page.heading("Machine");
   page.table(machine(input.report));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a training: curves, test renders, what lives how long, and what it was run with.
+// The report page of a training: curves, test renders, lifespans, and the settings of the run.
 #pragma once
 
 #include <string>
@@ -12,13 +12,13 @@ namespace stgs::tools {
 
 struct TrainReportInput {
   const encoder::PreparedCapture& capture;
-  const encoder::TrainSettings& settings;  // its log has been written
+  const encoder::TrainSettings& settings;  // the log at settings.log_path is complete
   const encoder::TrainReport& report;
   const Scene& scene;  // as it was written to `output`
   std::string output;
 };
 
-// Writes index.html and its pictures into `folder`, which exists.
+// Writes index.html and its images into `folder`, which must exist.
 Status write_train_report(const std::string& folder, const TrainReportInput& input,
                           const Session& session);
 

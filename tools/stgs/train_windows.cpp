@@ -12,7 +12,7 @@
 namespace stgs::tools {
 namespace {
 
-// Of a window, without its ending.
+// Returns the file name of a window, without its extension.
 std::string name_of(const encoder::FrameSpan& span) {
   return fmt::format("{:06}-{:06}", span.begin, span.end);
 }
@@ -30,7 +30,7 @@ void remove_checkpoint(const std::string& path) {
   std::filesystem::remove(checkpoint_of(path), ignored);
 }
 
-// The scene files of a folder, in the order of their names; none where there is no such folder.
+// Returns the scene files of a folder, sorted by name; none if the folder does not exist.
 std::vector<std::string> scenes_in(const std::string& folder) {
   std::vector<std::string> paths;
   std::error_code ignored;
@@ -42,25 +42,25 @@ std::vector<std::string> scenes_in(const std::string& folder) {
   return paths;
 }
 
-// Whether the window has been trained, the same way (settings_id); the error tells of another file
-// in its place.
-Result<bool> is_there(const std::string& path, const encoder::PreparedCapture& window,
-                      std::uint64_t training) {
+// Returns whether the window has been trained with the same settings (settings_id). kUsage if
+// another file is in its place.
+Result<bool> is_trained(const std::string& path, const encoder::PreparedCapture& window,
+                        std::uint64_t training) {
   if (!std::filesystem::exists(path)) return false;
   STGS_ASSIGN(const auto reader, SceneReader::open(path));
-  CaptureWindow wanted = *window.window;
-  wanted.training = training;
-  if (reader->metadata().window == wanted &&
+  CaptureWindow expected = *window.window;
+  expected.training = training;
+  if (reader->metadata().window == expected &&
       static_cast<int>(reader->metadata().frames) == window.frames) {
     return true;
   }
   return usage_error(
-      "{}: is of another capture or was trained with other settings; remove it or name another "
+      "{}: belongs to another capture or was trained with other settings; remove it or use another "
       "folder",
       path);
 }
 
-// Trains one window, from its checkpoint where there is one, which it then removes.
+// Trains one window. Resumes from its checkpoint if there is one, and removes it at the end.
 Status train_window(const encoder::PreparedCapture& window, const std::string& path,
                     const std::string& report_folder, encoder::TrainSettings settings,
                     Session& session, encoder::TrainReport& report) {
@@ -69,7 +69,8 @@ Status train_window(const encoder::PreparedCapture& window, const std::string& p
   if (!report_folder.empty()) settings.log_path = report_folder + "/training.jsonl";
   const Status trained = train_to_file(window, path, report_folder, settings, session, report);
   if (!trained.ok() && interrupted() && std::filesystem::exists(settings.checkpoint)) {
-    return runtime_error("{}: stopped; the same command goes on from its checkpoint", path);
+    return runtime_error("{}: incomplete; run the same command again to resume from its checkpoint",
+                         path);
   }
   STGS_TRY(trained);
   remove_checkpoint(path);
@@ -81,21 +82,22 @@ Status train_window(const encoder::PreparedCapture& window, const std::string& p
 void WindowOptions::declare(CLI::App& app) {
   const char* group = "Long captures";
   auto* frames = app.add_option("--frames", frames_,
-                                "Train on frames FIRST:END alone, as one window of the capture")
+                                "Train only frames FIRST:END, as one window of the capture")
                      ->group(group);
-  auto* window = app.add_option("--window", length_,
-                                "Train windows of so many frames, one after the other; --output is "
-                                "a folder for them, and those that are in it are kept")
-                     ->check(number_between(1, 1e8))
-                     ->excludes(frames)
-                     ->group(group);
-  app.add_option("--overlap", overlap_, "Frames that a window shares with the next")
+  auto* window =
+      app.add_option("--window", length_,
+                     "Train windows of this many frames in sequence; --output is a folder. "
+                     "Windows that exist there are kept")
+          ->check(number_between(1, 1e8))
+          ->excludes(frames)
+          ->group(group);
+  app.add_option("--overlap", overlap_, "Number of frames that consecutive windows share")
       ->check(number_between(0, 1e8))
       ->capture_default_str()
       ->needs(window)
       ->group(group);
-  app.add_option("--window-index", part_,
-                 "Only window N of --window, from 0: for a job of an array")
+  app.add_option("--window-index", index_,
+                 "Train only window N of --window, counted from 0, for job arrays")
       ->check(number_between(0, 1e8))
       ->needs(window)
       ->group(group);
@@ -111,12 +113,12 @@ Result<encoder::PreparedCapture> WindowOptions::capture(const std::string& folde
 Result<std::vector<encoder::FrameSpan>> WindowOptions::spans(
     const encoder::PreparedCapture& capture) const {
   STGS_ASSIGN(auto spans, encoder::plan_windows(capture.frames, length_, overlap_));
-  if (part_ < 0) return spans;
-  if (static_cast<std::size_t>(part_) >= spans.size()) {
-    return usage_error("--window-index {}: there are {} windows, 0 to {}", part_, spans.size(),
+  if (index_ < 0) return spans;
+  if (static_cast<std::size_t>(index_) >= spans.size()) {
+    return usage_error("--window-index {} is out of range; expected 0 to {}", index_,
                        spans.size() - 1);
   }
-  return std::vector<encoder::FrameSpan>{spans[static_cast<std::size_t>(part_)]};
+  return std::vector<encoder::FrameSpan>{spans[static_cast<std::size_t>(index_)]};
 }
 
 Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
@@ -125,8 +127,7 @@ Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
   STGS_ASSIGN(const encoder::PreparedCapture first, encoder::extract_window(capture, plan.front()));
   for (const std::string& path : scenes_in(folder)) {
     const auto reader = SceneReader::open(path);
-    // What is no scene, or no window, is of another hand; in the place of a window it is told
-    // there.
+    // Other files may lie here. is_trained() rejects one at the path of a window.
     if (!reader.ok() || !(*reader)->metadata().window) continue;
     const SceneMetadata& scene = (*reader)->metadata();
     const auto begin = static_cast<int>(scene.window->first_frame);
@@ -134,7 +135,7 @@ Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
     const bool planned = std::find(plan.begin(), plan.end(), span) != plan.end();
     if (planned && scene.window->capture == first.window->capture) continue;
     return usage_error(
-        "{}: is a window (frames {}:{}) of another {}; remove it or name another folder", path,
+        "{}: is a window (frames {}:{}) of another {}; remove it or use another folder", path,
         span.begin, span.end,
         planned ? "capture" : fmt::format("plan than --window {} --overlap {}", length_, overlap_));
   }
@@ -149,22 +150,22 @@ Status train_windows(const encoder::PreparedCapture& capture,
   std::filesystem::create_directories(folder, error);
   if (error) return io_error("{}: cannot create: {}", folder, error.message());
   STGS_ASSIGN(const std::uint64_t training, encoder::settings_id(settings));
-  // All before the first is trained: it may take hours.
+  // Check all windows before training the first, which may take hours.
   for (const encoder::FrameSpan& span : spans) {
     STGS_ASSIGN(const encoder::PreparedCapture window, encoder::extract_window(capture, span));
-    STGS_TRY(is_there(path_of(folder, span), window, training).status());
+    STGS_TRY(is_trained(path_of(folder, span), window, training).status());
   }
   Json windows = Json::array();
   std::string text;
   for (const encoder::FrameSpan& span : spans) {
     const std::string name = name_of(span), path = path_of(folder, span);
     STGS_ASSIGN(const encoder::PreparedCapture window, encoder::extract_window(capture, span));
-    STGS_ASSIGN(const bool kept, is_there(path, window, training));
+    STGS_ASSIGN(const bool done, is_trained(path, window, training));
     Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};
     row["training"] = nullptr;
-    if (kept) {
-      remove_checkpoint(path);  // a kill between the two leaves it
-      text += fmt::format("{}: is there already\n", path);
+    if (done) {
+      remove_checkpoint(path);  // left behind if killed after the scene was written
+      text += fmt::format("{}: already trained\n", path);
     } else {
       session.log(2, fmt::format("window {} of {}: frames {}:{}", windows.size() + 1, spans.size(),
                                  span.begin, span.end));
@@ -172,8 +173,9 @@ Status train_windows(const encoder::PreparedCapture& capture,
       encoder::TrainReport report;
       STGS_TRY(train_window(window, path, page, settings, session, report));
       row["training"] = to_json(report);
-      text += fmt::format("{}: {} primitives, {} steps in {:.1f} s, loss {:.5f}\n", path,
-                          report.primitives, report.iterations, report.seconds, report.final_loss);
+      text +=
+          fmt::format("{}: {} primitives, {} in {:.1f} s, loss {:.5f}\n", path, report.primitives,
+                      plural(report.iterations, "step"), report.seconds, report.final_loss);
     }
     windows.push_back(std::move(row));
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The windows of a long capture: 'train' on one of them, or on all, one after the other.
+// Training windows of a long capture: train one of them, or all in sequence.
 #pragma once
 
 #include <string>
@@ -19,24 +19,24 @@ class WindowOptions {
  public:
   void declare(CLI::App& app);
 
-  // Whether --output is a folder of windows.
-  bool several() const { return length_ > 0; }
-  // The capture, or the window of it that --frames asks for.
+  // Returns whether --output is a folder of windows.
+  bool has_windows() const { return length_ > 0; }
+  // Returns the capture, or the window of it that --frames selects.
   Result<encoder::PreparedCapture> capture(const std::string& folder) const;
-  // With --window: the windows to train, all or that of --window-index.
+  // With --window: returns the windows to train, all or the one of --window-index.
   Result<std::vector<encoder::FrameSpan>> spans(const encoder::PreparedCapture& capture) const;
-  // With --window: kUsage, with what to do, where a window in the folder, which may not be there
-  // yet, is none of the capture and this plan: all of a folder's windows go into one file.
+  // With --window: kUsage if the folder contains a window of another capture or plan, since all
+  // windows of a folder are packed into one file. The folder need not exist.
   Status check_folder(const encoder::PreparedCapture& capture, const std::string& folder) const;
 
  private:
   std::string frames_;
-  int length_ = 0, overlap_ = 0, part_ = -1;
+  int length_ = 0, overlap_ = 0, index_ = -1;
 };
 
-// Trains each window into folder/FIRST-END.stgs, but for those that are there already. An
-// interrupted one leaves its checkpoint beside its file, from which the next call goes on. With
-// `report_folder`, each window's report is a folder in it. Prints what 'train' prints.
+// Trains each window into folder/FIRST-END.stgs and skips those that exist. An interrupted window
+// leaves a checkpoint next to its file; the next call resumes from it. Each window writes its
+// report to a subfolder of `report_folder` unless that is "". Prints the result of 'train'.
 Status train_windows(const encoder::PreparedCapture& capture,
                      const std::vector<encoder::FrameSpan>& spans, const std::string& folder,
                      const std::string& report_folder, const encoder::TrainSettings& settings,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Moving pictures out: y4m, and mp4 where OpenCV is built in.
+// Video writers: y4m, and mp4 if OpenCV is built in.
 #pragma once
 
 #include <memory>
@@ -12,19 +12,19 @@
 
 namespace stgs::tools {
 
-// Takes the frames of one video in order, all of one size. What was written vanishes unless
+// Writes the frames of one video, in order and all of the same size. The output is discarded unless
 // finish() succeeds.
 class VideoWriter {
  public:
   virtual ~VideoWriter() = default;
-  virtual Status add(const encoder::Image8& picture) = 0;
+  virtual Status add(const encoder::Image8& frame) = 0;
   virtual Status finish() = 0;
 };
 
-// YUV4MPEG2, 4:4:4, 8 bits, BT.709 limited range; "-" is standard output.
+// YUV4MPEG2: 4:4:4, 8 bits, BT.709 limited range. "-" is standard output.
 std::unique_ptr<VideoWriter> make_y4m_writer(const std::string& path, TimeBase time_base);
-// H.264 (avc1); says so in the log where only MPEG-4 part 2 (mp4v) is available. kNotBuilt without
-// OpenCV.
+// H.264 (avc1), or MPEG-4 part 2 (mp4v) with a warning if OpenCV has no H.264 encoder. kNotBuilt
+// without OpenCV.
 Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,
                                                      const encoder::LogSink& log);
 

@@ -22,22 +22,22 @@ class Y4mWriter final : public VideoWriter {
  public:
   Y4mWriter(std::string path, TimeBase time_base) : path_(std::move(path)), time_base_(time_base) {}
 
-  Status add(const encoder::Image8& picture) override {
+  Status add(const encoder::Image8& frame) override {
     if (!begun_) {
       STGS_TRY(open());
-      // C444 is 8-bit 4:4:4; a frame rate is the inverse of the time base.
+      // C444 is 8-bit 4:4:4. The frame rate is the inverse of the time base.
       STGS_TRY(write_text(fmt::format("YUV4MPEG2 W{} H{} F{}:{} Ip A1:1 C444 XCOLORRANGE=LIMITED\n",
-                                      picture.width, picture.height, time_base_.denominator,
+                                      frame.width, frame.height, time_base_.denominator,
                                       time_base_.numerator)));
       begun_ = true;
     }
     STGS_TRY(write_text("FRAME\n"));
-    const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
+    const std::size_t pixels = static_cast<std::size_t>(frame.width) * frame.height;
     planes_.resize(3 * pixels);
     for (std::size_t i = 0; i < pixels; ++i) {
-      const float r = static_cast<float>(picture.data[3 * i]) / 255.0f;
-      const float g = static_cast<float>(picture.data[3 * i + 1]) / 255.0f;
-      const float b = static_cast<float>(picture.data[3 * i + 2]) / 255.0f;
+      const float r = static_cast<float>(frame.data[3 * i]) / 255.0f;
+      const float g = static_cast<float>(frame.data[3 * i + 1]) / 255.0f;
+      const float b = static_cast<float>(frame.data[3 * i + 2]) / 255.0f;
       const float y = kRed * r + kGreen * g + kBlue * b;
       planes_[i] = code(16.0f + 219.0f * y);
       planes_[pixels + i] = code(128.0f + 224.0f * (b - y) / (2.0f * (1.0f - kBlue)));

@@ -11,9 +11,9 @@ namespace {
 
 using math::Vec3;
 
-constexpr double kSteepest = 1.5;      // radians from the horizon
-constexpr double kNearest = 1e-3;      // to the point, scene units
-constexpr double kOverviewBack = 1.2;  // of the scene's diagonal: it fits the view's height
+constexpr double kMaxElevation = 1.5;      // radians from the horizon
+constexpr double kMinDistance = 1e-3;      // to the target, scene units
+constexpr double kOverviewDistance = 1.2;  // in scene diagonals: fits the scene to the height
 constexpr int kOverviewWidth = 1280, kOverviewHeight = 720;
 
 Vec3 sum(Vec3 a, Vec3 b, double factor = 1) {
@@ -30,14 +30,14 @@ Vec3 unit(Vec3 v) {
   return {n * v.x, n * v.y, n * v.z};
 }
 
-// Rodrigues' rotation of v about a unit axis.
+// Rotates v about a unit axis (Rodrigues).
 Vec3 rotated(Vec3 v, Vec3 about, double angle) {
   const double c = std::cos(angle), s = std::sin(angle);
   const double along = (1 - c) * static_cast<double>(math::dot3(about, v));
   return sum(sum(sum({0, 0, 0}, v, c), math::cross3(about, v), s), about, along);
 }
 
-Vec3 middle(const SceneMetadata& scene) {
+Vec3 centre(const SceneMetadata& scene) {
   const auto mean = [&](int k) { return 0.5f * (scene.bounds_min[k] + scene.bounds_max[k]); };
   return {mean(0), mean(1), mean(2)};
 }
@@ -47,16 +47,16 @@ double diagonal(const SceneMetadata& scene) {
   return length(sum({scene.bounds_max[0], scene.bounds_max[1], scene.bounds_max[2]}, low, -1));
 }
 
-Vec3 place_of(const encoder::Camera& camera) {
+Vec3 position_of(const encoder::Camera& camera) {
   return math::camera_centre(camera.pinhole(0));
 }
 
-void set_pose(encoder::Camera& camera, const Vec3 (&axes)[3], Vec3 place) {
+void set_pose(encoder::Camera& camera, const Vec3 (&axes)[3], Vec3 position) {
   for (int row = 0; row < 3; ++row) {
     camera.rotation[3 * row] = axes[row].x;
     camera.rotation[3 * row + 1] = axes[row].y;
     camera.rotation[3 * row + 2] = axes[row].z;
-    camera.translation[row] = -static_cast<double>(math::dot3(axes[row], place));
+    camera.translation[row] = -static_cast<double>(math::dot3(axes[row], position));
   }
 }
 
@@ -66,12 +66,12 @@ CameraControl::CameraControl(const encoder::Camera& start, const SceneMetadata& 
     : start_(start), now_(start) {
   const Vec3 up{scene.up[0], scene.up[1], scene.up[2]};
   up_ = length(up) > 0.5 ? unit(up) : sum({0, 0, 0}, axis(1), -1);
-  const Vec3 place = place_of(start);
-  start_distance_ = static_cast<double>(math::dot3(axis(2), sum(middle(scene), place, -1)));
+  const Vec3 position = position_of(start);
+  start_distance_ = static_cast<double>(math::dot3(axis(2), sum(centre(scene), position, -1)));
   const double size = diagonal(scene);
-  if (!(start_distance_ > 0.01 * size)) start_distance_ = std::max(0.5 * size, kNearest);
-  start_point_ = sum(place, axis(2), start_distance_);
-  point_ = start_point_;
+  if (!(start_distance_ > 0.01 * size)) start_distance_ = std::max(0.5 * size, kMinDistance);
+  start_target_ = sum(position, axis(2), start_distance_);
+  target_ = start_target_;
   distance_ = start_distance_;
 }
 
@@ -80,58 +80,58 @@ Vec3 CameraControl::axis(int row) const {
   return {static_cast<float>(r[0]), static_cast<float>(r[1]), static_cast<float>(r[2])};
 }
 
-Vec3 CameraControl::place() const {
-  return sum(point_, axis(2), -distance_);
+Vec3 CameraControl::position() const {
+  return sum(target_, axis(2), -distance_);
 }
 
-void CameraControl::set_place(Vec3 place) {
+void CameraControl::set_position(Vec3 position) {
   const Vec3 axes[3] = {axis(0), axis(1), axis(2)};
-  set_pose(now_, axes, place);
+  set_pose(now_, axes, position);
 }
 
-void CameraControl::turn(double right, double up) {
+void CameraControl::rotate(double right, double up) {
   const double level =
       std::asin(std::clamp(static_cast<double>(math::dot3(axis(2), up_)), -1.0, 1.0));
-  const double steepest = std::max(kSteepest, std::abs(level));
+  const double steepest = std::max(kMaxElevation, std::abs(level));
   up = std::clamp(level + up, -steepest, steepest) - level;
   const Vec3 across = axis(0);
   Vec3 axes[3];
   for (int row = 1; row < 3; ++row) {
     axes[row] = rotated(rotated(axis(row), across, up), up_, -right);
   }
-  // Rounding must not add up over thousands of small turns.
+  // Orthonormalise, so that rounding errors do not accumulate over thousands of small rotations.
   axes[2] = unit(axes[2]);
   axes[1] = unit(sum(axes[1], axes[2], -static_cast<double>(math::dot3(axes[1], axes[2]))));
   axes[0] = math::cross3(axes[1], axes[2]);
-  set_pose(now_, axes, place_of(now_));
+  set_pose(now_, axes, position_of(now_));
 }
 
 void CameraControl::orbit(double right, double up) {
-  // He looks the other way as far as he goes, and so at the same point.
-  turn(-right, -up);
-  set_place(place());
+  // The opposite rotation keeps the target on the optical axis.
+  rotate(-right, -up);
+  set_position(position());
 }
 
 void CameraControl::look(double right, double up) {
-  const Vec3 spot = place();
-  turn(right, up);
-  point_ = sum(spot, axis(2), distance_);
-  set_place(spot);
+  const Vec3 fixed = position();
+  rotate(right, up);
+  target_ = sum(fixed, axis(2), distance_);
+  set_position(fixed);
 }
 
 void CameraControl::move(double right, double up, double forward) {
-  point_ = sum(sum(sum(point_, axis(0), right), axis(1), -up), axis(2), forward);
-  set_place(place());
+  target_ = sum(sum(sum(target_, axis(0), right), axis(1), -up), axis(2), forward);
+  set_position(position());
 }
 
 void CameraControl::approach(double factor) {
-  distance_ = std::max(distance_ * factor, kNearest);
-  set_place(place());
+  distance_ = std::max(distance_ * factor, kMinDistance);
+  set_position(position());
 }
 
 void CameraControl::reset() {
   now_ = start_;
-  point_ = start_point_;
+  target_ = start_target_;
   distance_ = start_distance_;
 }
 
@@ -162,8 +162,8 @@ encoder::Camera overview(const SceneMetadata& scene) {
   camera.fx = camera.fy = kOverviewHeight;
   camera.cx = 0.5 * kOverviewWidth;
   camera.cy = 0.5 * kOverviewHeight;
-  const double back = std::max(kOverviewBack * diagonal(scene), kNearest);
-  set_pose(camera, axes, sum(middle(scene), axes[2], -back));
+  const double back = std::max(kOverviewDistance * diagonal(scene), kMinDistance);
+  set_pose(camera, axes, sum(centre(scene), axes[2], -back));
   return camera;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A viewpoint that a viewer moves: around a point, or freely.
+// An interactive camera: orbits around a target point, or moves freely.
 #pragma once
 
 #include "camera_file.h"
@@ -7,41 +7,43 @@
 
 namespace stgs::tools {
 
-// Angles in radians, distances in scene units.
+// Angles are in radians, distances in scene units.
 class CameraControl {
  public:
-  // Begins at `start`. The point that it turns around lies ahead of it, as far as the middle of the
-  // scene; up is the scene's, or the camera's where the scene does not say.
+  // Starts at `start`. The target lies on its optical axis, at the depth of the scene's centre. Up
+  // is that of the scene, or of the camera if the scene has none.
   CameraControl(const encoder::Camera& start, const SceneMetadata& scene);
 
-  // Around the point: to the right, and up.
+  // Orbits around the target, to the right and up.
   void orbit(double right, double up);
-  // On the spot.
+  // Rotates in place, to the right and up.
   void look(double right, double up);
-  // Along the camera's own axes, the point with it.
+  // Translates along the camera axes, together with the target.
   void move(double right, double up, double forward);
-  // To so much of the distance to the point; > 0.
+  // Multiplies the distance to the target by `factor` > 0.
   void approach(double factor);
   void reset();
 
-  // To the point; a measure of how large things are.
+  // Returns the distance to the target, which serves as the scale of movements.
   double distance() const { return distance_; }
-  // In a picture of another size: all that the start camera sees, no pixel stretched.
+  // Returns the camera for an image of `size`: contains the view of the start camera, with square
+  // pixels preserved.
   encoder::Camera camera(Size size) const;
 
  private:
-  math::Vec3 axis(int row) const;  // of the camera, in the world: 0 right, 1 down, 2 forward
-  // Up, as far as that is not overhead, and to the right about the scene's up, on the spot.
-  void turn(double right, double up);
-  math::Vec3 place() const;
-  void set_place(math::Vec3 place);
+  // Returns a camera axis in world coordinates: 0 right, 1 down, 2 forward.
+  math::Vec3 axis(int row) const;
+  // Rotates in place: up, short of the vertical, and to the right about the up direction.
+  void rotate(double right, double up);
+  math::Vec3 position() const;  // from the target, the forward axis and the distance
+  void set_position(math::Vec3 position);
 
   encoder::Camera start_, now_;
-  math::Vec3 up_, point_, start_point_;
+  math::Vec3 up_, target_, start_target_;
   double distance_ = 0, start_distance_ = 0;
 };
 
-// A camera that sees the whole scene, for files without a start camera.
+// Returns a camera that sees the entire scene, for files without a start camera.
 encoder::Camera overview(const SceneMetadata& scene);
 
 }  // namespace stgs::tools

@@ -23,9 +23,9 @@ void text(const std::string& line) {
   ImGui::TextUnformatted(line.data(), line.data() + line.size());
 }
 
-const char* name_of(PlayerState state) {
+const char* name_of(PlayerState player_state) {
   constexpr const char* kNames[] = {"paused", "playing", "buffering", "ended"};
-  return kNames[static_cast<int>(state)];
+  return kNames[static_cast<int>(player_state)];
 }
 
 std::string megabits(double bits_per_second) {
@@ -34,34 +34,34 @@ std::string megabits(double bits_per_second) {
                                : fmt::format("{:.0f} Mbit/s", 1e-6 * bits_per_second);
 }
 
-void draw_statistics(Playback& playback, const OverlayFacts& facts) {
+void draw_statistics(Playback& playback, const OverlayState& state) {
   player::Player& player = playback.player();
   const player::StreamStatistics stream = player.statistics();
-  const player::RenderStats& s = facts.stats;
+  const player::RenderStats& s = state.stats;
   ImGui::SetNextWindowPos({kMargin, kMargin});
   ImGui::SetNextWindowBgAlpha(0.6f);
-  // Wide enough for most, so that a longer line of the next picture is not cut for a moment.
+  // Wide enough for most lines: ImGui fits the window to its text one frame late.
   ImGui::SetNextWindowSizeConstraints({30 * ImGui::GetFontSize(), 0}, {1e4f, 1e4f});
   ImGui::Begin("statistics", nullptr,
                kBare | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
-  text(fmt::format("{:.1f} FPS  {:.1f} ms   {}x{}", facts.fps, facts.frame_ms, facts.size.width,
-                   facts.size.height));
-  text(facts.device);
+  text(fmt::format("{:.1f} FPS  {:.1f} ms   {}x{}", state.fps, state.frame_ms, state.size.width,
+                   state.size.height));
+  text(state.device);
   text(fmt::format("fetch {:.2f}  slice {:.2f}  bin {:.2f}  blend {:.2f} ms", s.fetch_ms,
                    s.slice_ms, s.bin_ms, s.blend_ms));
-  text(
-      fmt::format("alive {}  in view {}  stored {}", s.active, s.splats, stream.stored_primitives));
+  text(fmt::format("active {}  in view {}  stored {}", s.active, s.splats,
+                   stream.stored_primitives));
   text(fmt::format("link {}  clip {}  fetched {}", megabits(8 * stream.bytes_per_second),
                    megabits(playback.bits_per_second()), human_bytes(stream.fetched_bytes)));
   text(fmt::format("buffer {:.1f} s  layers {} of {}", playback.buffered_ahead(), player.layers(),
                    player.layer_count()));
   text(fmt::format("memory {} of {}", human_bytes(stream.memory_bytes),
                    human_bytes(player.timeline().memory_budget())));
-  for (const std::string& notice : facts.notices) text(notice);
+  for (const std::string& notice : state.notices) text(notice);
   ImGui::End();
 }
 
-// A bar over the whole width; dragging in it seeks.
+// Draws a bar over the full width. Dragging in it seeks.
 void draw_timeline(Playback& playback) {
   const double duration = std::max(playback.duration(), 1e-9);
   const float height = ImGui::GetFrameHeight();
@@ -101,7 +101,7 @@ void draw_controls(Playback& playback, Size size) {
   draw_timeline(playback);
   if (ImGui::Button("<")) playback.step(-1);
   ImGui::SameLine();
-  // Of one width, so that nothing moves under the mouse.
+  // A fixed width, so that the buttons do not move under the mouse.
   if (ImGui::Button(playback.is_playing() ? "pause" : "play", {6 * ImGui::GetFontSize(), 0})) {
     playback.toggle_pause();
   }
@@ -119,16 +119,16 @@ void draw_controls(Playback& playback, Size size) {
   ImGui::SameLine();
   std::string where = fmt::format("{:.2f} / {:.2f} s  frame {}  {}", player.seconds(),
                                   playback.duration(), playback.frame(), name_of(player.state()));
-  if (size.width > 900) where += "   drag: turn  wheel: nearer  WASD: fly  F1: hide";
+  if (size.width > 900) where += "   drag: orbit  wheel: zoom  WASD: fly  F1: hide";
   text(where);
   ImGui::End();
 }
 
 }  // namespace
 
-void draw_overlay(Playback& playback, const OverlayFacts& facts) {
-  draw_statistics(playback, facts);
-  draw_controls(playback, facts.size);
+void draw_overlay(Playback& playback, const OverlayState& state) {
+  draw_statistics(playback, state);
+  draw_controls(playback, state.size);
 }
 
 void draw_opening(const std::string& file) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A colour, by how much of the pixel the glyph covers.
+// Colour, weighted by the coverage of the glyph.
 #version 450
 
 layout(location = 0) in vec4 colour;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn over the scene: how it plays, what it costs, and the controls.
+// The overlay of the player window: playback status, statistics and controls.
 #pragma once
 
 #include <string>
@@ -11,17 +11,17 @@
 
 namespace stgs::tools {
 
-struct OverlayFacts {
+struct OverlayState {
   std::string device;
   Size size;
-  double fps = 0, frame_ms = 0;  // of the window, of late
-  player::RenderStats stats;     // of the last frame that the device has told of
+  double fps = 0, frame_ms = 0;  // of the window, recent mean
+  player::RenderStats stats;     // of the last frame that the device has completed
   std::vector<std::string> notices;
 };
 
-// In ImGui's frame. What the viewer does with the controls goes to `playback`.
-void draw_overlay(Playback& playback, const OverlayFacts& facts);
-// While there is nothing to play yet.
+// Draws the overlay into the current ImGui frame. The controls act on `playback`.
+void draw_overlay(Playback& playback, const OverlayState& state);
+// Draws the notice that is shown until the file is open.
 void draw_opening(const std::string& file);
 
 }  // namespace stgs::tools

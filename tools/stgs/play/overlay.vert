@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Dear ImGui's vertices: pixels to clip space.
+// Dear ImGui vertices: pixels to clip space.
 #version 450
 
 layout(location = 0) in vec2 at;

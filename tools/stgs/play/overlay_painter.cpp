@@ -17,7 +17,7 @@ constexpr std::uint32_t kFragmentCode[] = {
 #include "overlay.frag.inc"
 };
 
-// Clip space from ImGui's coordinates.
+// Transform from ImGui coordinates to clip space.
 struct Push {
   float scale[2], shift[2];
 };
@@ -59,7 +59,7 @@ VkPipelineShaderStageCreateInfo stage_of(VkShaderStageFlagBits stage, VkShaderMo
   return info;
 }
 
-// All of the pipeline but its shaders: triangles of ImDrawVert, blended over what is there.
+// The pipeline state except its shaders: triangles of ImDrawVert, alpha-blended.
 struct FixedState {
   FixedState() {
     input.vertexBindingDescriptionCount = 1;
@@ -79,7 +79,7 @@ struct FixedState {
   FixedState(const FixedState&) = delete;
   FixedState& operator=(const FixedState&) = delete;
 
-  // Points into this.
+  // The result points into this object.
   VkGraphicsPipelineCreateInfo pipeline() const {
     auto info =
         structure<VkGraphicsPipelineCreateInfo>(VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_CREATE_INFO);
@@ -165,17 +165,18 @@ Status OverlayPainter::make_glyphs(std::uint32_t family, VkQueue queue) {
   STGS_TRY(
       allocate(physical_, device_, needs, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT, &glyph_memory_));
   STGS_TRY(vk_status(vkBindImageMemory(device_, glyphs_, glyph_memory_, 0), "binding memory"));
-  STGS_TRY(send_glyphs(glyphs, info.extent.width, info.extent.height, family, queue));
+  STGS_TRY(upload_glyphs(glyphs, info.extent.width, info.extent.height, family, queue));
   auto view = structure<VkImageViewCreateInfo>(VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO);
   view.image = glyphs_;
   view.viewType = VK_IMAGE_VIEW_TYPE_2D;
   view.format = info.format;
   view.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 1, 0, 1};
-  return vk_status(vkCreateImageView(device_, &view, nullptr, &glyph_view_), "creating a view");
+  return vk_status(vkCreateImageView(device_, &view, nullptr, &glyph_view_),
+                   "creating an image view");
 }
 
-Status OverlayPainter::send_glyphs(const std::uint8_t* glyphs, std::uint32_t width,
-                                   std::uint32_t height, std::uint32_t family, VkQueue queue) {
+Status OverlayPainter::upload_glyphs(const std::uint8_t* glyphs, std::uint32_t width,
+                                     std::uint32_t height, std::uint32_t family, VkQueue queue) {
   MappedBuffer staging;
   const std::size_t bytes = std::size_t{width} * height;
   STGS_TRY(staging.ensure(physical_, device_, VK_BUFFER_USAGE_TRANSFER_SRC_BIT, bytes));
@@ -210,7 +211,7 @@ Status OverlayPainter::send_glyphs(const std::uint8_t* glyphs, std::uint32_t wid
   if (result == VK_SUCCESS) result = vkQueueSubmit(queue, 1, &submit, VK_NULL_HANDLE);
   if (result == VK_SUCCESS) result = vkQueueWaitIdle(queue);
   vkDestroyCommandPool(device_, pool, nullptr);
-  return vk_status(result, "sending glyphs");
+  return vk_status(result, "uploading glyphs");
 }
 
 Status OverlayPainter::make_set() {
@@ -219,7 +220,7 @@ Status OverlayPainter::make_set() {
   sampler.minFilter = VK_FILTER_LINEAR;
   sampler.addressModeU = VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE;
   sampler.addressModeV = VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE;
-  STGS_TRY(vk_status(vkCreateSampler(device_, &sampler, nullptr, &sampler_), "making a sampler"));
+  STGS_TRY(vk_status(vkCreateSampler(device_, &sampler, nullptr, &sampler_), "creating a sampler"));
   const VkDescriptorSetLayoutBinding binding{0, VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 1,
                                              VK_SHADER_STAGE_FRAGMENT_BIT, nullptr};
   auto layout = structure<VkDescriptorSetLayoutCreateInfo>(
@@ -227,19 +228,21 @@ Status OverlayPainter::make_set() {
   layout.bindingCount = 1;
   layout.pBindings = &binding;
   STGS_TRY(vk_status(vkCreateDescriptorSetLayout(device_, &layout, nullptr, &set_layout_),
-                     "creating a layout"));
+                     "creating a descriptor layout"));
   const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 1};
   auto pool = structure<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
   pool.maxSets = 1;
   pool.poolSizeCount = 1;
   pool.pPoolSizes = &size;
-  STGS_TRY(vk_status(vkCreateDescriptorPool(device_, &pool, nullptr, &pool_), "making a pool"));
+  STGS_TRY(vk_status(vkCreateDescriptorPool(device_, &pool, nullptr, &pool_),
+                     "creating a descriptor pool"));
   auto info =
       structure<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
   info.descriptorPool = pool_;
   info.descriptorSetCount = 1;
   info.pSetLayouts = &set_layout_;
-  STGS_TRY(vk_status(vkAllocateDescriptorSets(device_, &info, &set_), "making a set"));
+  STGS_TRY(
+      vk_status(vkAllocateDescriptorSets(device_, &info, &set_), "allocating a descriptor set"));
   const VkDescriptorImageInfo image{sampler_, glyph_view_,
                                     VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL};
   auto write = structure<VkWriteDescriptorSet>(VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET);
@@ -260,7 +263,7 @@ Status OverlayPainter::make_pipeline(VkRenderPass pass) {
   layout.pushConstantRangeCount = 1;
   layout.pPushConstantRanges = &push;
   STGS_TRY(vk_status(vkCreatePipelineLayout(device_, &layout, nullptr, &layout_),
-                     "creating a layout of shaders"));
+                     "creating a pipeline layout"));
   STGS_ASSIGN(const VkShaderModule vertex, make_shader(device_, kVertexCode, sizeof(kVertexCode)));
   const auto fragment = make_shader(device_, kFragmentCode, sizeof(kFragmentCode));
   VkResult result = VK_SUCCESS;
@@ -279,10 +282,10 @@ Status OverlayPainter::make_pipeline(VkRenderPass pass) {
   }
   vkDestroyShaderModule(device_, vertex, nullptr);
   STGS_TRY(fragment.status());
-  return vk_status(result, "compiling a shader");
+  return vk_status(result, "creating a pipeline");
 }
 
-Status OverlayPainter::send_lists(const ImDrawData& list, std::size_t frame) {
+Status OverlayPainter::upload_lists(const ImDrawData& list, std::size_t frame) {
   MappedBuffer &vertices = vertices_[frame], &indices = indices_[frame];
   STGS_TRY(vertices.ensure(physical_, device_, VK_BUFFER_USAGE_VERTEX_BUFFER_BIT,
                            sizeof(ImDrawVert) * static_cast<std::size_t>(list.TotalVtxCount)));
@@ -301,8 +304,8 @@ Status OverlayPainter::send_lists(const ImDrawData& list, std::size_t frame) {
   return {};
 }
 
-void OverlayPainter::set_up(const ImDrawData& list, std::size_t frame,
-                            VkCommandBuffer commands) const {
+void OverlayPainter::bind(const ImDrawData& list, std::size_t frame,
+                          VkCommandBuffer commands) const {
   vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipeline_);
   vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, layout_, 0, 1, &set_, 0,
                           nullptr);
@@ -327,8 +330,8 @@ void OverlayPainter::set_up(const ImDrawData& list, std::size_t frame,
 Status OverlayPainter::draw(const ImDrawData& list, std::size_t number, VkCommandBuffer commands) {
   if (list.TotalVtxCount == 0) return {};
   const std::size_t frame = number % kFrames;
-  STGS_TRY(send_lists(list, frame));
-  set_up(list, frame, commands);
+  STGS_TRY(upload_lists(list, frame));
+  bind(list, frame, commands);
   const ImVec2 corner = list.DisplayPos, scale = list.FramebufferScale;
   const float width = list.DisplaySize.x * scale.x, height = list.DisplaySize.y * scale.y;
   std::uint32_t first_vertex = 0, first_index = 0;

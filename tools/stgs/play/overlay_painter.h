@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws what Dear ImGui has listed into a render pass. ImGui's own Vulkan backend calls the Vulkan
-// loader directly, as Debian builds it; this one goes through volk, so that programs start without
-// a loader.
+// Renders Dear ImGui draw lists into a render pass. Debian's build of ImGui's Vulkan backend links
+// the Vulkan loader; this one uses volk, so that the program starts without a loader.
 #pragma once
 
 #include <array>
@@ -14,28 +13,30 @@ namespace stgs::tools {
 
 class OverlayPainter {
  public:
-  static constexpr std::size_t kFrames = 2;  // on their way at most
+  static constexpr std::size_t kFrames = 2;  // maximum number of frames in flight
 
   OverlayPainter() = default;
   OverlayPainter(const OverlayPainter&) = delete;
   OverlayPainter& operator=(const OverlayPainter&) = delete;
   ~OverlayPainter();
 
-  // Takes the glyphs of the current ImGui context, and sends them through the queue. `pass`: one
-  // colour attachment, as that of every pass it draws in. The device outlives it.
+  // Uploads the glyphs of the current ImGui context through the queue. `pass` has one colour
+  // attachment and must be compatible with every pass given to draw(). The device must outlive
+  // this.
   Status create(VkPhysicalDevice physical, VkDevice device, std::uint32_t family, VkQueue queue,
                 VkRenderPass pass);
-  // Into a pass that has begun, for the frame `number` modulo kFrames, whose last use has ended.
+  // Records the list into a pass that has begun. Uses the buffers of frame `number` modulo kFrames,
+  // whose previous use must be complete.
   Status draw(const ImDrawData& list, std::size_t number, VkCommandBuffer commands);
 
  private:
   Status make_glyphs(std::uint32_t family, VkQueue queue);
-  Status send_glyphs(const std::uint8_t* glyphs, std::uint32_t width, std::uint32_t height,
-                     std::uint32_t family, VkQueue queue);
+  Status upload_glyphs(const std::uint8_t* glyphs, std::uint32_t width, std::uint32_t height,
+                       std::uint32_t family, VkQueue queue);
   Status make_set();
   Status make_pipeline(VkRenderPass pass);
-  Status send_lists(const ImDrawData& list, std::size_t frame);
-  void set_up(const ImDrawData& list, std::size_t frame, VkCommandBuffer commands) const;
+  Status upload_lists(const ImDrawData& list, std::size_t frame);
+  void bind(const ImDrawData& list, std::size_t frame, VkCommandBuffer commands) const;
 
   VkPhysicalDevice physical_ = VK_NULL_HANDLE;
   VkDevice device_ = VK_NULL_HANDLE;

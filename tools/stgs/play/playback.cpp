@@ -5,7 +5,7 @@
 #include <cmath>
 #include <iterator>
 
-#include "losses.h"
+#include "damage.h"
 
 namespace stgs::tools {
 namespace {
@@ -14,22 +14,22 @@ using player::PlayerEvent;
 using player::PlayerState;
 
 constexpr double kNoticeSeconds = 6;
-constexpr std::size_t kMostNotices = 5;
+constexpr std::size_t kMaxNotices = 5;
 constexpr double kSameFrame = 1e-6;  // ticks
 
 }  // namespace
 
 Playback::Playback(Session& session, const PlaybackSettings& settings)
     : session_(session), settings_(settings) {
-  player::PlayerSettings of_player;
-  of_player.memory_budget = settings.memory;
-  of_player.http.stop = stop_.get_token();
-  of_player.on_opening_event = [this](const PlayerEvent& event) {
+  player::PlayerSettings player_settings;
+  player_settings.memory_budget = settings.memory;
+  player_settings.http.stop = stop_.get_token();
+  player_settings.on_opening_event = [this](const PlayerEvent& event) {
     const std::lock_guard lock(opening_mutex_);
     opening_events_.push_back(event);
   };
-  opening_ = std::async(std::launch::async, [file = settings.file, of_player] {
-    return player::Player::open(file, of_player);
+  opening_ = std::async(std::launch::async, [file = settings.file, player_settings] {
+    return player::Player::open(file, player_settings);
   });
 }
 
@@ -43,7 +43,7 @@ Result<bool> Playback::is_open() {
   const bool ended = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
   {
     const std::lock_guard lock(opening_mutex_);
-    for (const PlayerEvent& event : opening_events_) tell_event(session_, event);
+    for (const PlayerEvent& event : opening_events_) warn_of_event(session_, event);
     opening_events_.clear();
   }
   if (!ended) return false;
@@ -53,18 +53,18 @@ Result<bool> Playback::is_open() {
 }
 
 Status Playback::begin() {
-  tell_damage(session_, player_->timeline());
+  warn_of_open_damage(session_, player_->timeline());
   if (settings_.seconds > duration()) {
-    return usage_error("--time {} is out of range: {} lasts from 0 to {:.6g} s", settings_.seconds,
+    return usage_error("--time {} is out of range; {} lasts from 0 to {:.6g} s", settings_.seconds,
                        player::display_location(settings_.file), duration());
   }
   loop_ = settings_.loop;
   player_->set_loop(loop_);
   rate_ = settings_.rate;
   STGS_TRY(player_->set_rate(rate_));
-  // A recording that grows is at its edge already.
+  // A growing recording starts at its live edge.
   if (settings_.seconds > 0 || !player_->live().growing) STGS_TRY(player_->seek(settings_.seconds));
-  // From the last frame on there is nothing to play; a player asked to would begin anew.
+  // At the last frame there is nothing to play; play() would restart from the beginning.
   const bool at_end = settings_.seconds > 0 && rate_ > 0 && !loop_ && !player_->live().growing &&
                       frame() + 1 >= player_->timeline().metadata().frames;
   if (!settings_.paused && !at_end) player_->play();
@@ -73,11 +73,11 @@ Status Playback::begin() {
 
 double Playback::advance(double now) {
   const bool played = player_->state() == PlayerState::kPlaying;
-  const double moment = player_->advance(now);
+  const double seconds = player_->advance(now);
   if (played && player_->state() == PlayerState::kBuffering) ++stalls_;
   if (player_->live().following) rate_ = 1;
   take_events(now);
-  return moment;
+  return seconds;
 }
 
 bool Playback::is_playing() const {
@@ -110,7 +110,7 @@ double Playback::buffered_ahead() const {
   return 0;
 }
 
-bool Playback::is_whole() const {
+bool Playback::is_complete() const {
   return player_->ready() && player_->layers() >= player_->layer_count();
 }
 
@@ -129,11 +129,11 @@ void Playback::step(int frames) {
   std::int64_t to = std::int64_t{frame()} + frames;
   if (to < 0) to = loop_ ? last : 0;
   if (to > last) to = loop_ ? 0 : last;
-  (void)player_->seek_frame(static_cast<std::uint32_t>(to));  // it is a frame of the clip
+  (void)player_->seek_frame(static_cast<std::uint32_t>(to));  // cannot fail: it is in range
 }
 
 void Playback::seek(double seconds) {
-  (void)player_->seek(std::clamp(seconds, 0.0, duration()));  // it is a number
+  (void)player_->seek(std::clamp(seconds, 0.0, duration()));  // cannot fail: it is finite
 }
 
 void Playback::set_rate(double rate) {
@@ -146,8 +146,8 @@ void Playback::change_rate(int by) {
     const auto* const next = std::upper_bound(std::begin(kRates), end, rate_);
     if (next != end) set_rate(*next);
   } else {
-    const auto* const here = std::lower_bound(std::begin(kRates), end, rate_);
-    if (here != std::begin(kRates)) set_rate(*(here - 1));
+    const auto* const at = std::lower_bound(std::begin(kRates), end, rate_);
+    if (at != std::begin(kRates)) set_rate(*(at - 1));
   }
 }
 
@@ -160,7 +160,7 @@ void Playback::take_events(double now) {
   for (const PlayerEvent& event : player_->take_events()) {
     if (event.message.empty()) continue;
     notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
-    tell_event(session_, event);
+    warn_of_event(session_, event);
   }
 }
 
@@ -171,7 +171,7 @@ void Playback::warn(double now, const std::string& text) {
 
 std::vector<std::string> Playback::notices(double now) {
   while (!notices_.empty() &&
-         (notices_.size() > kMostNotices || notices_.front().when + kNoticeSeconds < now)) {
+         (notices_.size() > kMaxNotices || notices_.front().when + kNoticeSeconds < now)) {
     notices_.pop_front();
   }
   std::vector<std::string> lines;

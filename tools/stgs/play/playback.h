@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A player as a viewer handles it: opened beside the window, with pause, steps and speeds, and what
-// there is to tell of it.
+// A player with the controls of the player window: opened in the background, with pause, frame
+// steps, rates and notices.
 #pragma once
 
 #include <deque>
@@ -23,22 +23,22 @@ struct PlaybackSettings {
   std::uint64_t memory = player::kDefaultMemoryBudget;  // bytes
 };
 
-// One thread. The session outlives it; the destructor ends transfers.
+// Not thread-safe. The session must outlive this. The destructor cancels transfers.
 class Playback {
  public:
   static constexpr double kRates[] = {-2, -1, -0.5, -0.25, 0.25, 0.5, 1, 2, 4};
 
-  // Begins to open the file, on a thread of its own.
+  // Starts to open the file, on another thread.
   Playback(Session& session, const PlaybackSettings& settings);
   ~Playback();
   Playback(const Playback&) = delete;
   Playback& operator=(const Playback&) = delete;
 
-  // Whether the file is open; an error where it cannot be opened or begun.
+  // Returns whether the file is open. An error if it cannot be opened or played.
   Result<bool> is_open();
-  // Once it is: the player.
+  // The player. Valid once is_open() has returned true.
   player::Player& player() { return *player_; }
-  // Goes on to `now`, seconds of any clock; the moment to draw.
+  // Advances playback to `now`, in seconds of any clock. Returns the time to render.
   double advance(double now);
 
   bool is_playing() const;
@@ -46,21 +46,22 @@ class Playback {
   bool loops() const { return loop_; }
   double duration() const;  // seconds
   std::uint32_t frame() const;
-  double bits_per_second() const;  // of the file, mean; 0 of a single frame
-  double buffered_ahead() const;   // seconds, in the direction of play
-  // Whether nothing more of the moment is coming, and whether all of it is there.
-  bool is_settled() const { return player_->is_complete(); }
-  bool is_whole() const;
+  double bits_per_second() const;  // mean of the file; 0 for a single frame
+  double buffered_ahead() const;   // seconds, in the direction of playback
+  // Returns whether loading of the current time has ended, successfully or not.
+  bool is_loaded() const { return player_->is_complete(); }
+  // Returns whether all layers of the current time are resident.
+  bool is_complete() const;
 
   void toggle_pause();
   void step(int frames);  // pauses
   void seek(double seconds);
-  void change_rate(int by);  // to a neighbour in kRates
+  void change_rate(int by);  // to the next higher or lower rate in kRates
   void toggle_loop();
 
-  // Adds a line to notices(), and warns.
+  // Adds a line to notices() and logs it as a warning.
   void warn(double now, const std::string& text);
-  // Lines about what went wrong of late, oldest first.
+  // Returns the recent warnings, oldest first.
   std::vector<std::string> notices(double now);
   std::uint64_t stalls() const { return stalls_; }
 
@@ -73,7 +74,7 @@ class Playback {
   const PlaybackSettings settings_;
   std::stop_source stop_;
   std::mutex opening_mutex_;
-  std::vector<player::PlayerEvent> opening_events_;  // that are still to be told
+  std::vector<player::PlayerEvent> opening_events_;  // not yet reported
   std::future<Result<std::unique_ptr<player::Player>>> opening_;
   std::unique_ptr<player::Player> player_;
   double rate_ = 1;

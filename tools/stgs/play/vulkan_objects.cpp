@@ -18,7 +18,8 @@ Status allocate(VkPhysicalDevice physical, VkDevice device, const VkMemoryRequir
     if (vkAllocateMemory(device, &info, nullptr, memory) == VK_SUCCESS) return {};
     *memory = VK_NULL_HANDLE;
   }
-  return runtime_error("the window finds no {} KiB of GPU memory", (needs.size >> 10) + 1);
+  return runtime_error("cannot allocate {} KiB of GPU memory for the window",
+                       (needs.size >> 10) + 1);
 }
 
 void MappedBuffer::reset() {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the window's Vulkan parts share. volk's functions are those of the one device that a window
-// has.
+// Vulkan helpers of the player window. The functions of volk are those of its one device.
 #pragma once
 
 #include <volk.h>
@@ -11,7 +10,7 @@
 
 namespace stgs::tools {
 
-// A zeroed Vulkan structure that says what it is.
+// Returns a zeroed Vulkan structure with its sType.
 template <typename T>
 T structure(VkStructureType type) {
   T made{};
@@ -19,13 +18,14 @@ T structure(VkStructureType type) {
   return made;
 }
 
-// kRuntime where the call failed.
-inline Status vk_status(VkResult result, const char* what) {
+// Converts a VkResult: kRuntime if the call failed. `action` completes "Vulkan failed while".
+inline Status vk_status(VkResult result, const char* action) {
   if (result == VK_SUCCESS) return {};
-  return runtime_error("Vulkan failed while {}: VkResult {}", what, static_cast<int>(result));
+  return runtime_error("Vulkan failed while {}: VkResult {}", action, static_cast<int>(result));
 }
 
-// A buffer that the host writes or reads, mapped. The device outlives it; not while it is used.
+// A mapped, host-visible buffer. The device must outlive it, and must not use it when it is
+// destroyed.
 class MappedBuffer {
  public:
   MappedBuffer() = default;
@@ -34,7 +34,7 @@ class MappedBuffer {
   ~MappedBuffer() { reset(); }
 
   void reset();
-  // At least so many bytes; what it held is lost where it grows.
+  // Grows the buffer to at least `bytes`. Growing discards its contents.
   Status ensure(VkPhysicalDevice physical, VkDevice device, VkBufferUsageFlags usage,
                 std::uint64_t bytes);
   VkBuffer handle() const { return buffer_; }
@@ -48,7 +48,7 @@ class MappedBuffer {
   std::uint8_t* data_ = nullptr;
 };
 
-// Memory of a kind; kRuntime where there is none left.
+// Allocates device memory with `properties`. kRuntime if none is left.
 Status allocate(VkPhysicalDevice physical, VkDevice device, const VkMemoryRequirements& needs,
                 VkMemoryPropertyFlags properties, VkDeviceMemory* memory);
 

@@ -11,7 +11,7 @@
 namespace stgs::tools {
 namespace {
 
-// GLFW tells errors by a callback that knows nothing else.
+// The last GLFW error. GLFW reports errors to a callback without user data.
 std::string& last_error() {
   static std::string text;
   return text;
@@ -21,7 +21,7 @@ void on_error(int, const char* text) {
   last_error() = text;
 }
 
-// Whether a key that is held acts again and again.
+// Returns whether a held key repeats.
 bool repeats(int key) {
   return key == GLFW_KEY_LEFT || key == GLFW_KEY_RIGHT || key == GLFW_KEY_UP ||
          key == GLFW_KEY_DOWN;
@@ -35,15 +35,13 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
   glfwSetErrorCallback(on_error);
   if (glfwInit() == GLFW_FALSE) {
     return unsupported(
-        "no window can be shown here ({}); start it in a desktop session, or draw pictures with "
-        "'stgs render'",
+        "cannot open a window ({}); run 'stgs play' in a desktop session, or use 'stgs render'",
         last_error());
   }
   made->has_glfw_ = true;
   glfwWindowHint(GLFW_CLIENT_API, GLFW_NO_API);
   made->window_ = glfwCreateWindow(size.width, size.height, title.c_str(), nullptr, nullptr);
-  if (made->window_ == nullptr)
-    return unsupported("no window can be shown here ({})", last_error());
+  if (made->window_ == nullptr) return unsupported("cannot open a window ({})", last_error());
   glfwSetWindowUserPointer(made->window_, made.get());
   glfwSetKeyCallback(made->window_, [](GLFWwindow* window, int key, int, int action, int mods) {
     if (action == GLFW_RELEASE || (action == GLFW_REPEAT && !repeats(key))) return;
@@ -55,7 +53,7 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
   ImGui::CreateContext();
   ImGui::StyleColorsDark();
   ImGuiIO& io = ImGui::GetIO();
-  io.IniFilename = nullptr;  // leaves no file behind
+  io.IniFilename = nullptr;  // do not write imgui.ini
   io.BackendFlags |= ImGuiBackendFlags_RendererHasVtxOffset;
   float scale = 1, unused = 1;
   glfwGetWindowContentScale(made->window_, &scale, &unused);
@@ -63,7 +61,7 @@ Result<std::unique_ptr<Window>> Window::make(const std::string& title, Size size
   font.SizePixels = 13.0f * std::max(scale, 1.0f);
   io.Fonts->AddFontDefault(&font);
   ImGui::GetStyle().ScaleAllSizes(std::max(scale, 1.0f));
-  ImGui_ImplGlfw_InitForVulkan(made->window_, true);  // keeps the callbacks from above
+  ImGui_ImplGlfw_InitForVulkan(made->window_, true);  // chains the callbacks set above
   made->has_overlay_ = true;
   return made;
 }
@@ -105,7 +103,7 @@ void Window::on_motion(double x, double y) {
   has_mouse_ = true;
 }
 
-void Window::look(double seconds) {
+void Window::poll(double seconds) {
   if (seconds > 0) {
     glfwWaitEventsTimeout(seconds);
   } else {
@@ -121,7 +119,7 @@ void Window::close() {
   glfwSetWindowShouldClose(window_, GLFW_TRUE);
 }
 
-Size Window::picture_size() const {
+Size Window::framebuffer_size() const {
   Size size;
   glfwGetFramebufferSize(window_, &size.width, &size.height);
   return size;

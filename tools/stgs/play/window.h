@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A window with what its viewer does in it, and an ImGui context for what is drawn over the scene.
+// A window with its keyboard and mouse input, and the ImGui context of its overlay.
 #pragma once
 
 #include <array>
@@ -18,32 +18,32 @@ struct KeyPress {
   bool shift = false;
 };
 
-// What the mouse did while a button was down.
+// Mouse movement while a button was held.
 struct Drag {
-  double x = 0, y = 0;  // to the right and down, screen coordinates
-  bool held = false;    // it is down, or was
+  double x = 0, y = 0;  // right and down, in screen coordinates
+  bool held = false;    // the button is down, or was since the last call
 };
 
-// The main thread's. One at a time.
+// For the main thread only. At most one window exists at a time.
 class Window {
  public:
-  // kUnsupported where there is no display.
+  // kUnsupported without a display.
   static Result<std::unique_ptr<Window>> make(const std::string& title, Size size);
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
 
   GLFWwindow* handle() const { return window_; }
-  // Takes in what has happened since the last call; waits for it up to `seconds`.
-  void look(double seconds);
+  // Processes the input since the last call. Blocks up to `seconds` until there is some.
+  void poll(double seconds);
   bool closing() const;
   void close();
-  Size picture_size() const;  // pixels; 0x0 where nothing of it is shown
-  // Keys that went down since the last call, and arrows that are held and repeat.
+  Size framebuffer_size() const;  // pixels; 0x0 if the window is minimised
+  // Returns the keys pressed since the last call, including repeats of the arrow keys.
   std::vector<KeyPress> take_keys();
   bool is_down(int key) const;
-  // Since the last call, in the order in which it happened: of the left, right and middle button
-  // (GLFW_MOUSE_BUTTON_...), however much of it fell between two pictures.
+  // Returns the drags since the last call, indexed by GLFW_MOUSE_BUTTON_LEFT, _RIGHT and _MIDDLE.
+  // Clicks that begin and end between two frames count too.
   std::array<Drag, 3> take_drags();
 
  private:
@@ -58,7 +58,7 @@ class Window {
   std::array<Drag, 3> drags_;
   std::array<bool, 3> down_ = {};
   double mouse_x_ = 0, mouse_y_ = 0;
-  bool has_mouse_ = false;  // it has been seen
+  bool has_mouse_ = false;  // its position is known
 };
 
 }  // namespace stgs::tools

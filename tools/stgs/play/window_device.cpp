@@ -7,6 +7,7 @@
 #include <cstring>
 #include <vector>
 
+#include "session.h"
 #include "stgs/player/vulkan_instance.h"
 
 namespace stgs::tools {
@@ -26,7 +27,7 @@ bool has_swapchains(VkPhysicalDevice device) {
   });
 }
 
-// A family that draws, computes and shows in the window, or -1.
+// Returns a queue family with graphics, compute and presentation to the surface, or -1.
 int family_of(VkPhysicalDevice device, VkSurfaceKHR surface) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(device, &properties);
@@ -38,9 +39,9 @@ int family_of(VkPhysicalDevice device, VkSurfaceKHR surface) {
   for (std::uint32_t i = 0; i < count; ++i) {
     constexpr VkQueueFlags kBoth = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT;
     if ((families[i].queueFlags & kBoth) != kBoth) continue;
-    VkBool32 shows = VK_FALSE;
-    if (vkGetPhysicalDeviceSurfaceSupportKHR(device, i, surface, &shows) == VK_SUCCESS &&
-        shows == VK_TRUE) {
+    VkBool32 presents = VK_FALSE;
+    if (vkGetPhysicalDeviceSurfaceSupportKHR(device, i, surface, &presents) == VK_SUCCESS &&
+        presents == VK_TRUE) {
       return static_cast<int>(i);
     }
   }
@@ -56,7 +57,7 @@ Result<std::unique_ptr<WindowDevice>> WindowDevice::make(
   STGS_TRY(made->make_instance());
   STGS_TRY(
       vk_status(glfwCreateWindowSurface(made->device_.instance, window, nullptr, &made->surface_),
-                "connecting to the window"));
+                "creating a window surface"));
   STGS_TRY(made->choose());
   STGS_TRY(made->open());
   return made;
@@ -83,8 +84,8 @@ Status WindowDevice::make_instance() {
   }
   if (needed == nullptr) {
     return unsupported(
-        "there is no Vulkan driver that shows windows on this display; install one (Debian: "
-        "mesa-vulkan-drivers), or draw pictures with 'stgs render'");
+        "no Vulkan driver can present to this display; install one (Debian: mesa-vulkan-drivers), "
+        "or use 'stgs render'");
   }
   player::VulkanInstanceSettings settings;
   settings.application = "stgs play";
@@ -94,7 +95,7 @@ Status WindowDevice::make_instance() {
   player::VulkanInstance made;
   const VkResult result = make_vulkan_instance(settings, made);
   if (result != VK_SUCCESS) {
-    return unsupported("Vulkan does not start (VkResult {})", static_cast<int>(result));
+    return unsupported("cannot create a Vulkan instance (VkResult {})", static_cast<int>(result));
   }
   device_.instance = made.instance;
   messenger_ = made.messenger;
@@ -104,31 +105,29 @@ Status WindowDevice::make_instance() {
 
 Status WindowDevice::choose() {
   std::uint32_t count = 0;
-  STGS_TRY(
-      vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, nullptr), "counting devices"));
+  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, nullptr),
+                     "counting the devices"));
   std::vector<VkPhysicalDevice> devices(count);
   STGS_TRY(vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, devices.data()),
-                     "listing devices"));
+                     "listing the devices"));
   int best = 0;
-  for (const VkPhysicalDevice one : devices) {
-    const int family = family_of(one, surface_);
+  for (const VkPhysicalDevice candidate : devices) {
+    const int family = family_of(candidate, surface_);
     VkPhysicalDeviceProperties properties{};
-    vkGetPhysicalDeviceProperties(one, &properties);
+    vkGetPhysicalDeviceProperties(candidate, &properties);
     const int rank = player::vulkan_device_rank(properties.deviceType);
     if (family < 0 || rank <= best) continue;
     STGS_ASSIGN(const player::VulkanSupport offered,
-                player::vulkan_support(nullptr, device_.instance, device_.api_version, one));
+                player::vulkan_support(nullptr, device_.instance, device_.api_version, candidate));
     if (!offered.missing_features.empty()) continue;
     best = rank;
-    device_.physical_device = one;
+    device_.physical_device = candidate;
     device_.queue_family = static_cast<std::uint32_t>(family);
     name_ = properties.deviceName;
   }
   if (best > 0) return {};
-  return unsupported(
-      "there is no Vulkan device that draws and shows in this window ({} found); draw pictures "
-      "with 'stgs render'",
-      devices.size());
+  return unsupported("no Vulkan device can render to this window ({} found); use 'stgs render'",
+                     plural(std::ssize(devices), "device"));
 }
 
 Status WindowDevice::open() {
@@ -157,7 +156,7 @@ Status WindowDevice::open() {
   info.ppEnabledExtensionNames = extensions.data();
   const VkResult result = vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device);
   if (result != VK_SUCCESS) device_.device = VK_NULL_HANDLE;
-  STGS_TRY(vk_status(result, "opening a device"));
+  STGS_TRY(vk_status(result, "creating a device"));
   device_.features = &features_;
   device_.extensions.assign(extensions.begin(), extensions.end());
   volkLoadDevice(device_.device);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Vulkan device that shows pictures in a window, and its one queue.
+// The Vulkan device of a window, with one queue that renders and presents.
 #pragma once
 
 #include <functional>
@@ -15,17 +15,17 @@ namespace stgs::tools {
 
 class WindowDevice {
  public:
-  // The first discrete GPU that can show in the window, else another GPU, else a processor.
-  // `on_message`, where set, is told what the validation layer says, if that is installed.
-  // kUnsupported without a Vulkan loader, or without such a device.
+  // Opens the first discrete GPU that can present to the window, else another GPU, else a CPU
+  // driver. `on_message`, if set, receives the messages of the validation layer, if that is
+  // installed. kUnsupported without a Vulkan loader or without a suitable device.
   static Result<std::unique_ptr<WindowDevice>> make(
       GLFWwindow* window, std::function<void(const std::string&)> on_message);
-  // All that uses the device is gone, and the window is still there.
+  // Users of the device must be destroyed before, and the window after this.
   ~WindowDevice();
   WindowDevice(const WindowDevice&) = delete;
   WindowDevice& operator=(const WindowDevice&) = delete;
 
-  // For the renderer, whose thread is the only one that uses the queue.
+  // For the renderer. Only its thread may use the queue.
   const player::VulkanDevice& device() const { return device_; }
   VkSurfaceKHR surface() const { return surface_; }
   const std::string& name() const { return name_; }  // of the GPU
@@ -40,7 +40,7 @@ class WindowDevice {
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkSurfaceKHR surface_ = VK_NULL_HANDLE;
   player::VulkanDevice device_;
-  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};  // where there are such; of `features_`
+  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};  // chained to features_ if supported
   VkPhysicalDeviceFeatures2 features_{};
   std::string name_;
 };

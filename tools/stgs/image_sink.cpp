@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "picture_sink.h"
+#include "image_sink.h"
 
 #include <filesystem>
 #include <utility>
@@ -12,11 +12,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Takes 8-bit pictures; frames of floats are converted.
-class EightBitSink : public PictureSink {
+// Accepts 8-bit images and converts float frames.
+class EightBitSink : public ImageSink {
  public:
-  using PictureSink::add;
-  Status add(const PictureName& name, const player::Frame& frame) final {
+  using ImageSink::add;
+  Status add(const ImageName& name, const player::Frame& frame) final {
     return add(name, to_8bit(frame.colour));
   }
 };
@@ -24,7 +24,7 @@ class EightBitSink : public PictureSink {
 class NullSink final : public EightBitSink {
  public:
   using EightBitSink::add;
-  Status add(const PictureName&, const encoder::Image8&) override { return {}; }
+  Status add(const ImageName&, const encoder::Image8&) override { return {}; }
   Status finish() override { return {}; }
 };
 
@@ -32,8 +32,8 @@ class PngSink final : public EightBitSink {
  public:
   explicit PngSink(std::string path) : path_(std::move(path)) {}
   using EightBitSink::add;
-  Status add(const PictureName&, const encoder::Image8& picture) override {
-    return write_png(path_, picture);
+  Status add(const ImageName&, const encoder::Image8& image) override {
+    return write_png(path_, image);
   }
   Status finish() override { return {}; }
 
@@ -41,14 +41,14 @@ class PngSink final : public EightBitSink {
   std::string path_;
 };
 
-class ExrSink final : public PictureSink {
+class ExrSink final : public ImageSink {
  public:
   explicit ExrSink(std::string path) : path_(std::move(path)) {}
   bool wants_8bit() const override { return false; }
-  Status add(const PictureName&, const encoder::Image8&) override {
-    return usage_error("{}: EXR takes frames of floats", path_);
+  Status add(const ImageName&, const encoder::Image8&) override {
+    return usage_error("{}: EXR needs float frames", path_);
   }
-  Status add(const PictureName&, const player::Frame& frame) override {
+  Status add(const ImageName&, const player::Frame& frame) override {
     return write_exr(path_, frame);
   }
   Status finish() override { return {}; }
@@ -61,8 +61,8 @@ class VideoSink final : public EightBitSink {
  public:
   explicit VideoSink(std::unique_ptr<VideoWriter> writer) : writer_(std::move(writer)) {}
   using EightBitSink::add;
-  Status add(const PictureName&, const encoder::Image8& picture) override {
-    return writer_->add(picture);
+  Status add(const ImageName&, const encoder::Image8& image) override {
+    return writer_->add(image);
   }
   Status finish() override { return writer_->finish(); }
 
@@ -70,15 +70,15 @@ class VideoSink final : public EightBitSink {
   std::unique_ptr<VideoWriter> writer_;
 };
 
-// FOLDER/CAMERA/NNNNNN.png. Everything is written to a folder beside it first; a new folder is then
-// renamed, and into an existing one the files are moved.
+// Writes FOLDER/CAMERA/NNNNNN.png, first to a temporary folder next to FOLDER. finish() renames
+// that folder to FOLDER, or moves its files if FOLDER exists.
 class FolderSink final : public EightBitSink {
  public:
   explicit FolderSink(const std::string& folder)
       : folder_(folder), temporary_(temporary_name(folder)) {}
   using EightBitSink::add;
 
-  Status add(const PictureName& name, const encoder::Image8& picture) override {
+  Status add(const ImageName& name, const encoder::Image8& image) override {
     const std::string file = name.camera.empty()
                                  ? fmt::format("{:06}.png", name.frame)
                                  : fmt::format("{}/{:06}.png", name.camera, name.frame);
@@ -86,7 +86,7 @@ class FolderSink final : public EightBitSink {
     fs::create_directories((fs::path(temporary_.path()) / file).parent_path(), error);
     if (error) return io_error("{}: cannot create: {}", folder_, error.message());
     files_.push_back(file);
-    return write_png(temporary_.path() + "/" + file, picture);
+    return write_png(temporary_.path() + "/" + file, image);
   }
 
   Status finish() override {
@@ -117,30 +117,30 @@ std::string without_slashes(std::string path) {
 
 }  // namespace
 
-Result<std::unique_ptr<PictureSink>> make_picture_sink(const std::string& output,
-                                                       TimeBase time_base, std::size_t cameras,
-                                                       std::size_t moments,
-                                                       const encoder::LogSink& log) {
-  using Sink = std::unique_ptr<PictureSink>;
+Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, TimeBase time_base,
+                                                   std::size_t cameras, std::size_t times,
+                                                   const encoder::LogSink& log) {
+  using Sink = std::unique_ptr<ImageSink>;
   if (output == "null") return Sink(std::make_unique<NullSink>());
   if (!output.empty() && (output.back() == '/' || fs::is_directory(output))) {
     STGS_TRY(check_can_make_folder(output));
     return Sink(std::make_unique<FolderSink>(without_slashes(output)));
   }
   const std::string end = output == "-" ? ".y4m" : extension_of(output);
-  const bool picture = end == ".png" || end == ".exr", video = end == ".mp4" || end == ".y4m";
-  if (!picture && !video) {
+  const bool image = end == ".png" || end == ".exr", video = end == ".mp4" || end == ".y4m";
+  if (!image && !video) {
     return usage_error(
-        "'{}': cannot tell what to write; end it in .png, .exr, .mp4, .y4m or / for a folder",
+        "'{}': unknown output format; use a name that ends in .png, .exr, .mp4, .y4m, or in / for "
+        "a "
+        "folder",
         output);
   }
-  if (picture && cameras * moments != 1) {
-    return usage_error("'{}' holds one picture, but {} are asked for; write a folder or a video",
-                       output, cameras * moments);
+  if (image && cameras * times != 1) {
+    return usage_error("'{}' holds one image, not {}; write to a folder or a video", output,
+                       cameras * times);
   }
   if (video && cameras != 1) {
-    return usage_error("'{}' holds one camera, but {} are chosen; name one with --which", output,
-                       cameras);
+    return usage_error("'{}' holds one camera, not {}; choose one with --which", output, cameras);
   }
   if (output != "-") STGS_TRY(check_can_write(output));
   if (end == ".png") return Sink(std::make_unique<PngSink>(output));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "picture.h"
+#include "image_io.h"
 
 #include <stb/stb_image_write.h>
 
@@ -17,13 +17,13 @@
 namespace stgs::tools {
 namespace {
 
-// One channel of a picture at a point in pixels, bilinear, edges repeated.
-float sample(const encoder::Image8& picture, float x, float y, int channel) {
+// Samples one channel at a point in pixels: bilinear, edges clamped.
+float sample(const encoder::Image8& image, float x, float y, int channel) {
   const auto at = [&](int i, int j) {
-    i = std::clamp(i, 0, picture.width - 1);
-    j = std::clamp(j, 0, picture.height - 1);
+    i = std::clamp(i, 0, image.width - 1);
+    j = std::clamp(j, 0, image.height - 1);
     return static_cast<float>(
-        picture.data[(static_cast<std::size_t>(j) * picture.width + i) * 3 + channel]);
+        image.data[(static_cast<std::size_t>(j) * image.width + i) * 3 + channel]);
   };
   const int i = static_cast<int>(std::floor(x - 0.5f)), j = static_cast<int>(std::floor(y - 0.5f));
   const float u = x - 0.5f - static_cast<float>(i), v = y - 0.5f - static_cast<float>(j);
@@ -31,18 +31,18 @@ float sample(const encoder::Image8& picture, float x, float y, int channel) {
          v * ((1 - u) * at(i, j + 1) + u * at(i + 1, j + 1));
 }
 
-encoder::Image8 scaled_to_height(const encoder::Image8& picture, int height) {
+encoder::Image8 scaled_to_height(const encoder::Image8& image, int height) {
   encoder::Image8 out;
   out.height = height;
-  const float scale = static_cast<float>(picture.height) / static_cast<float>(height);
-  out.width = std::max(1, static_cast<int>(std::lround(static_cast<float>(picture.width) / scale)));
+  const float scale = static_cast<float>(image.height) / static_cast<float>(height);
+  out.width = std::max(1, static_cast<int>(std::lround(static_cast<float>(image.width) / scale)));
   out.channels = 3;
   out.data.resize(static_cast<std::size_t>(out.width) * height * 3);
   std::size_t at = 0;
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < out.width; ++x) {
       for (int c = 0; c < 3; ++c) {
-        const float v = sample(picture, (static_cast<float>(x) + 0.5f) * scale,
+        const float v = sample(image, (static_cast<float>(x) + 0.5f) * scale,
                                (static_cast<float>(y) + 0.5f) * scale, c);
         out.data[at++] = static_cast<std::uint8_t>(v + 0.5f);
       }
@@ -84,19 +84,19 @@ encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8&
   out.height = left.height;
   out.channels = 3;
   for (int y = 0; y < out.height; ++y) {
-    for (const encoder::Image8* part : {&left, &fitted}) {
-      const auto row = part->data.begin() + static_cast<std::ptrdiff_t>(y) * part->width * 3;
-      out.data.insert(out.data.end(), row, row + static_cast<std::ptrdiff_t>(part->width) * 3);
+    for (const encoder::Image8* side : {&left, &fitted}) {
+      const auto row = side->data.begin() + static_cast<std::ptrdiff_t>(y) * side->width * 3;
+      out.data.insert(out.data.end(), row, row + static_cast<std::ptrdiff_t>(side->width) * 3);
     }
   }
   return out;
 }
 
-Status write_png(const std::string& path, const encoder::Image8& picture) {
+Status write_png(const std::string& path, const encoder::Image8& image) {
   std::vector<std::uint8_t> bytes;
-  const int written = stbi_write_png_to_func(append_bytes, &bytes, picture.width, picture.height, 3,
-                                             picture.data.data(), picture.width * 3);
-  if (written == 0) return runtime_error("{}: cannot encode as PNG: not enough memory", path);
+  const int written = stbi_write_png_to_func(append_bytes, &bytes, image.width, image.height, 3,
+                                             image.data.data(), image.width * 3);
+  if (written == 0) return runtime_error("{}: cannot encode as PNG: out of memory", path);
   STGS_TRY(check_can_write(path));
   return write_file_atomically(path, bytes);
 }
@@ -110,13 +110,13 @@ Status write_exr(const std::string& path, const player::Frame& frame) {
   return {};
 }
 
-Result<Image> read_picture(const std::string& path) {
+Result<Image> read_image(const std::string& path) {
   if (extension_of(path) == ".exr") return read_exr_file(path);
-  STGS_ASSIGN(const encoder::Image8 picture, encoder::read_image8(path, 3));
-  return encoder::to_float(picture);
+  STGS_ASSIGN(const encoder::Image8 image, encoder::read_image8(path, 3));
+  return encoder::to_float(image);
 }
 
-bool is_picture_name(const std::string& path) {
+bool is_image_name(const std::string& path) {
   const std::string end = extension_of(path);
   return end == ".png" || end == ".jpg" || end == ".jpeg" || end == ".exr";
 }
