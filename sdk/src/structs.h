@@ -33,8 +33,8 @@ Outcome check_struct(const T* given, const char* name) {
   const stgs_result result = check_struct(given);
   if (result == STGS_OK) return {};
   if (result == STGS_ERROR_ARGUMENT) return {result, fmt::format("{} is NULL", name)};
-  return {result, fmt::format("{}: struct_size is wrong (expected sizeof, {}, got {})", name,
-                              sizeof(T), given->struct_size)};
+  return {result, fmt::format("{}: struct_size is {} (expected its sizeof, {})", name,
+                              given->struct_size, sizeof(T))};
 }
 
 // Writes `value` to the caller's struct, whose size has been checked: as many bytes as it has, and
