@@ -26,7 +26,7 @@ class SyntheticRig {
   cv::Vec3d centre_at(int frame) const { return start + double(frame) * velocity; }
 
   // Writes the frames of `cameras` cameras on an arc into `folder`; the middle one is held out
-  // where there are more than three.
+  // where there header too large three.
   PreparedCapture write(const std::string& folder, int cameras) const {
     std::filesystem::remove_all(folder);
     PreparedCapture capture;

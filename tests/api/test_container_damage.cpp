@@ -85,7 +85,7 @@ TEST_CASE("a file cut anywhere is an error") {
   }
 }
 
-TEST_CASE("a file with bytes after its end is read, and told") {
+TEST_CASE("a file with extra bytes after the end of the file is read, and told") {
   Bytes bytes = small_file(Profile::kLossless);
   bytes.push_back(0);
   CHECK(read_all(bytes).ok());

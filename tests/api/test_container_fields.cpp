@@ -20,14 +20,15 @@ TEST_CASE("the header's fields are checked one by one") {
     return std::make_pair(read_all(bytes), numbers_of(issues_of(bytes)));
   };
   CHECK(read_all({}).message() ==
-        "x.stgs: 0 bytes are too few for an .stgs file (byte 0, issue 101)");
+        "x.stgs: too short for an .stgs file (expected at least 40 bytes, got 0) (byte 0, issue "
+        "101)");
   CHECK(change(0, std::uint8_t{0x88}).second == std::set<int>{102});
   CHECK(change(5, std::uint8_t{0x0D}).first.message().find("as text") != std::string::npos);
   for (const std::uint16_t major : {std::uint16_t{0}, std::uint16_t{2}}) {
     CHECK(change(8, major).first.code() == StatusCode::kUnsupported);
     CHECK(change(8, major).second == std::set<int>{104});
   }
-  CHECK(change(8, std::uint16_t{0}).first.message().find("make the file again") !=
+  CHECK(change(8, std::uint16_t{0}).first.message().find("create the file again") !=
         std::string::npos);
   CHECK(change(10, std::uint16_t{9}).first.ok());  // a newer minor version is read
   CHECK(change(12, std::uint32_t{2}).second == std::set<int>{105});

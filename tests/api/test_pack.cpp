@@ -209,7 +209,7 @@ TEST_CASE("a bound is kept within a bit rate, and the bound that can be kept is 
   settings.max_error = 1e-4;
   const Status refused = encoder::pack({files.in}, files.out, settings, &report);
   REQUIRE(refused.code() == StatusCode::kUnsupported);
-  const std::string before = "asked for, and ", text = refused.message();
+  const std::string before = "the smallest possible error is ", text = refused.message();
   const std::size_t at = text.find(before);
   REQUIRE(at != std::string::npos);
   settings.max_error = std::stod(text.substr(at + before.size()));
@@ -240,20 +240,21 @@ TEST_CASE("the bound that cannot be kept is told with what does not keep it") {
   const Scene plain = scene;
   scene.gaussians.velocity[3 * 77] = 1e6f;
   scene.gaussians.opacity_logit[77] = 2.0f;
-  CHECK_THAT(refused(scene), Catch::Contains("moves 1e+06 units a frame"));
+  CHECK_THAT(refused(scene), Catch::Contains("moves by 1e+06 units per frame"));
   scene = plain;  // it has come far when it is seen
   scene.gaussians.position[3 * 77] = 1.0f;
   std::fill_n(&scene.gaussians.velocity[3 * 77], 3, 0.5f);
   scene.gaussians.time[77] = -1e5f;
   scene.gaussians.radius[77] = 1e5f + 20;
   scene.gaussians.opacity_logit[77] = 2.0f;
-  CHECK_THAT(refused(scene), Catch::Contains("primitive 77 at (50001, "));
+  CHECK_THAT(refused(scene), Catch::Contains("primitive 77 is at (50001, "));
   scene = plain;
   for (const std::size_t i : {78, 79}) {  // far from the others, and from each other
     scene.gaussians.position[3 * i] = i == 78 ? 1e6f : -1e6f;
     scene.gaussians.opacity_logit[i] = 2.0f;
   }
-  CHECK_THAT(refused(scene), Catch::Contains("positions of 21 bits") && Catch::Contains("e+06, "));
+  CHECK_THAT(refused(scene),
+             Catch::Contains("positions have 21 bits") && Catch::Contains("e+06, "));
 }
 
 namespace {

@@ -230,7 +230,7 @@ TEST_CASE("a moment with too many splats is an error that names the moment and t
       (*renderer)->render(**timeline, 1.5, {{camera_of(8192, 8192)}}, frames, nullptr);
   REQUIRE(status.code() == StatusCode::kRuntime);
   INFO(status.message());
-  REQUIRE(status.message().find(path + ": cannot draw 1.5 s: ") == 0);
+  REQUIRE(status.message().find(path + ": cannot render 1.5 s: ") == 0);
   REQUIRE(status.message().find("2^26") != std::string::npos);
 }
 

@@ -146,33 +146,35 @@ TEST_CASE("what cannot be written is refused by name and number") {
   };
   Scene bad = good;
   bad.gaussians.velocity[3 * 11 + 2] = NAN;
-  CHECK(message(bad) == "velocity[2] of primitive 11 is nan, not a finite number");
+  CHECK(message(bad) == "invalid velocity[2] of primitive 11 (expected a finite number, got nan)");
   bad = good;
   bad.gaussians.sh[12 * 4 + 3] = INFINITY;
-  CHECK(message(bad) == "sh1[0] of primitive 4 is inf, not a finite number");
+  CHECK(message(bad) == "invalid sh1[0] of primitive 4 (expected a finite number, got inf)");
   bad = good;
   bad.gaussians.sigma[7] = 0.0f;
-  CHECK(message(bad) == "sigma of primitive 7 is 0, not > 0");
+  CHECK(message(bad) == "invalid sigma of primitive 7 (expected > 0, got 0)");
   bad = good;
   bad.gaussians.radius[0] = -1.0f;
-  CHECK(message(bad) == "radius of primitive 0 is -1, not >= 0");
+  CHECK(message(bad) == "invalid radius of primitive 0 (expected >= 0, got -1)");
   bad = good;
   std::fill_n(bad.gaussians.rotation.begin() + 4 * 19, 4, 0.0f);
-  CHECK(message(bad) == "rotation of primitive 19 is a quaternion of length 0");
+  CHECK(message(bad) == "invalid rotation of primitive 19 (quaternion of length 0)");
   bad = good;
   bad.gaussians.time.pop_back();
-  CHECK(message(bad) == "the arrays of a set of 20 primitives differ in length");
+  CHECK(message(bad) == "array lengths do not match (for 20 primitives)");
   bad = good;
   bad.metadata.near_plane = -1.0f;
-  CHECK(message(bad) == "metadata: background, bounds or near plane is not a finite number >= 0");
+  CHECK(message(bad) ==
+        "metadata: background, bounds or near plane is not finite, or the near plane is negative");
   bad = good;
   bad.metadata.background[2] = NAN;
-  CHECK(message(bad) == "metadata: background, bounds or near plane is not a finite number >= 0");
+  CHECK(message(bad) ==
+        "metadata: background, bounds or near plane is not finite, or the near plane is negative");
   bad = good;
   // Latin-1, an overlong slash, a surrogate, past the last code point, cut off.
   for (const char* text : {"caf\xE9", "\xC0\xAF", "\xED\xA0\x80", "\xF4\x90\x80\x80", "\xE2\x82"}) {
     bad.metadata.title = text;
-    CHECK(message(bad) == "metadata: generator, title or the sound's place is not UTF-8");
+    CHECK(message(bad) == "metadata: generator, title or audio location is not UTF-8");
   }
   bad = good;
   bad.metadata.title = "caf\xC3\xA9 \xE2\x82\xAC \xF0\x9F\x8E\xA5";
@@ -185,25 +187,27 @@ TEST_CASE("what cannot be written is refused by name and number") {
   bad.metadata.start_camera = camera;
   CHECK(encode_scene(bad, {}).ok());
   bad.metadata.start_camera->height = 0;
-  CHECK(message(bad) == "metadata: a start camera of 640x0 pixels; each side is 1 to 32768");
+  CHECK(message(bad) ==
+        "metadata: start camera has an invalid size (expected sides of 1 to 32768 pixels, got "
+        "640x0)");
   bad.metadata.start_camera = camera;
   bad.metadata.start_camera->fy = 0.0f;
   CHECK(message(bad).find("is not a camera") != std::string::npos);
   bad.metadata.start_camera = camera;
   bad.metadata.start_camera->rotation[4] = 1.1f;
-  CHECK(message(bad) == "metadata: the start camera's rotation is not a rotation");
+  CHECK(message(bad) == "metadata: start camera has an invalid rotation matrix");
   bad = good;
   bad.metadata.frames = 0;
   CHECK(message(bad).find("at least one frame") != std::string::npos);
   WriteSettings settings;
   settings.quality = 101;
-  CHECK(message(good, settings) == "quality 101 is not in 0..100");
+  CHECK(message(good, settings) == "invalid quality (expected 0 to 100, got 101)");
   settings = {};
   settings.chunk_seconds = -1.0;
-  CHECK(message(good, settings).find("do not cut a timeline") != std::string::npos);
+  CHECK(message(good, settings).find("invalid chunk length") != std::string::npos);
   settings = {};
   settings.zstd_level = 40;
-  CHECK(message(good, settings) == "zstd level 40 is not in 1..19");
+  CHECK(message(good, settings) == "invalid zstd level (expected 1 to 19, got 40)");
 }
 
 TEST_CASE("limits refuse a file before it is decoded") {
@@ -214,7 +218,7 @@ TEST_CASE("limits refuse a file before it is decoded") {
   limits.max_primitives = 299;
   auto reader = SceneReader::open(memory_source(*bytes), limits);
   CHECK(reader.status().code() == StatusCode::kUnsupported);
-  CHECK(reader.status().message().find("300 primitives, more than the limit of 299") !=
+  CHECK(reader.status().message().find("300 primitives exceed the limit of 299") !=
         std::string::npos);
   limits = {};
   limits.max_memory = 4000;

@@ -72,13 +72,13 @@ TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]")
   const char* words = "";
 
   SECTION("a moment that is none") {
-    seconds = nan, words = "a moment of nan";
+    seconds = nan, words = "seconds is nan";
   }
   SECTION("no views") {
-    count = 0, words = "1 to 4 views, not 0";
+    count = 0, words = "count is 0 (expected 1 to 4 views)";
   }
   SECTION("too many views") {
-    count = 5, words = "1 to 4 views, not 5";
+    count = 5, words = "count is 5 (expected 1 to 4 views)";
   }
   SECTION("no width") {
     view.width = 0, words = "0x48 pixels";
@@ -105,22 +105,22 @@ TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]")
     view.background[2] = nan, words = "background";
   }
   SECTION("nothing wanted") {
-    picture.rgba8.data = nullptr, words = "nothing is wanted";
+    picture.rgba8.data = nullptr, words = "the image has no buffer";
   }
   SECTION("rows that overlap") {
     picture.rgba8.stride = 4 * kSdkWidth - 1, words = "stride";
   }
   SECTION("too little memory") {
-    picture.rgba8.bytes -= 1, words = "too few";
+    picture.rgba8.bytes -= 1, words = "too small";
   }
   SECTION("a stride beyond all memory") {
-    picture.rgba8.stride = std::numeric_limits<std::size_t>::max() / 2, words = "too few";
+    picture.rgba8.stride = std::numeric_limits<std::size_t>::max() / 2, words = "too small";
   }
   SECTION("one plane of three") {
     picture.rgb[1] = {pixels.data(), 0, pixels.size()}, words = "all three planes";
   }
   SECTION("floats out of step") {
-    picture.depth = {pixels.data(), 4 * kSdkWidth + 2, pixels.size()}, words = "multiples of 4";
+    picture.depth = {pixels.data(), 4 * kSdkWidth + 2, pixels.size()}, words = "a multiple of 4";
   }
   CHECK(stgs_render(renderer.get(), scene.get(), seconds, &view, &picture, count) ==
         STGS_ERROR_ARGUMENT);
@@ -223,7 +223,7 @@ TEST_CASE("sources that fail are told, and closed once", "[sdk]") {
   io.close = [](void* user) { ++*static_cast<int*>(user); };
   const ScenePtr scene = make_scene();
   CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_IO);
-  CHECK(has(error_of(scene.get()).message, "failed with 42"));
+  CHECK(has(error_of(scene.get()).message, "failed with error 42"));
   CHECK(closed == 1);
   io.read = nullptr;
   CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_ARGUMENT);

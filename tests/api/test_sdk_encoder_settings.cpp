@@ -44,20 +44,21 @@ TEST_CASE("settings of training that are none are named, with what is possible",
   const std::vector<Case> cases = {
       {"preset is 3", "0 to 2", [](Settings& s) { s.preset = 3; }},
       {"backend is 9", "0 to 2", [](Settings& s) { s.backend = 9; }},
-      {"iterations is 4294967295", "0 (the preset's) or 1 to 100000000",
+      {"iterations is 4294967295", "0 for the value of the preset, or 1 to 100000000",
        [](Settings& s) { s.iterations = UINT32_MAX; }},
       {"max_primitives is", "1 to 200000000", [](Settings& s) { s.max_primitives = 300000000; }},
       {"max_seconds is nan", "1 to 100000000", [](Settings& s) { s.max_seconds = std::nan(""); }},
-      {"max_seconds is -1", "0 (no limit)", [](Settings& s) { s.max_seconds = -1; }},
-      {"first_frame is 3", "greater", [](Settings& s) { s.first_frame = s.end_frame = 3; }},
+      {"max_seconds is -1", "0 for no limit", [](Settings& s) { s.max_seconds = -1; }},
+      {"first_frame is 3", "end_frame > first_frame",
+       [](Settings& s) { s.first_frame = s.end_frame = 3; }},
       {"checkpoint_interval is 0", "1 to", [](Settings& s) { s.checkpoint_interval = 0; }},
       {"held_out_evaluations is 2000000", "to 1000000",
        [](Settings& s) { s.held_out_evaluations = 2000000; }},
       {"parameters is NULL", "as many", [](Settings& s) { s.parameter_count = 1; }},
       {"parameters[0]", "NULL", [&](Settings& s) { s.parameters = &null, s.parameter_count = 1; }},
-      {"no_such_rate", "known: iterations",
+      {"no_such_rate", "expected one of: iterations",
        [&](Settings& s) { s.parameters = &unknown, s.parameter_count = 1; }},
-      {"'fast' is not a value for lr_scale", "number",
+      {"--set lr_scale=fast: invalid value", "number",
        [&](Settings& s) { s.parameters = &no_number, s.parameter_count = 1; }},
   };
   for (const Case& one : cases) {
@@ -84,10 +85,10 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
                                 &settings, nullptr);
   };
   const std::pair<std::string, std::function<void(Preparing&)>> of_prepare[] = {
-      {"layout is 7; it can be 0 to 6", [](Preparing& s) { s.layout = 7; }},
+      {"layout is 7 (expected 0 to 6)", [](Preparing& s) { s.layout = 7; }},
       {"first_frame is -1", [](Preparing& s) { s.first_frame = -1; }},
-      {"end_frame -2", [](Preparing& s) { s.end_frame = -2; }},
-      {"scale is 0; it can be 0.01 to 1", [](Preparing& s) { s.scale = 0; }},
+      {"end_frame is -2", [](Preparing& s) { s.end_frame = -2; }},
+      {"scale is 0 (expected 0.01 to 1)", [](Preparing& s) { s.scale = 0; }},
       {"default_test_cameras is 2", [](Preparing& s) { s.default_test_cameras = 2; }},
       {"default_test_cameras is 1", [](Preparing& s) { s.test_camera_count = 1; }},
       {"test_cameras is NULL",
@@ -95,7 +96,7 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
       {"fps is -30", [](Preparing& s) { s.fps = -30; }},
       {"separate_motion is -1", [](Preparing& s) { s.separate_motion = -1; }},
       {"max_static_points is", [](Preparing& s) { s.max_static_points = UINT32_MAX; }},
-      {"overwrite is 5; it can be 0 or 1", [](Preparing& s) { s.overwrite = 5; }},
+      {"overwrite is 5 (expected 0 or 1)", [](Preparing& s) { s.overwrite = 5; }},
   };
   for (const auto& [expected, change] : of_prepare) {
     const std::string told = refusal<Preparing>(encoder, preparing, change, prepare);
@@ -107,10 +108,11 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
     return pack_one(encoder, work / "none.stgs", work / "out.stgs", &settings);
   };
   const std::pair<std::string, std::function<void(Packing&)>> of_pack[] = {
-      {"profile is 2; it can be 0 to 1", [](Packing& s) { s.profile = 2; }},
-      {"tiers is 17; it can be 0 to 16", [](Packing& s) { s.tiers = 17; }},
-      {"quality is 101; it can be 0 to 100", [](Packing& s) { s.quality = 101; }},
-      {"target_kbps is -8; it can be 0 (none) or 0.001", [](Packing& s) { s.target_kbps = -8; }},
+      {"profile is 2 (expected 0 to 1)", [](Packing& s) { s.profile = 2; }},
+      {"tiers is 17 (expected 0 to 16)", [](Packing& s) { s.tiers = 17; }},
+      {"quality is 101 (expected 0 to 100)", [](Packing& s) { s.quality = 101; }},
+      {"target_kbps is -8 (expected 0 for no limit, or 0.001",
+       [](Packing& s) { s.target_kbps = -8; }},
       {"max_error is inf", [](Packing& s) { s.max_error = HUGE_VAL; }},
       {"chunk_seconds is 4000", [](Packing& s) { s.chunk_seconds = 4000; }},
       {"metres_per_unit is -1", [](Packing& s) { s.metres_per_unit = -1; }},

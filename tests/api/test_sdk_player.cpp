@@ -231,8 +231,8 @@ TEST_CASE("a file that cannot be opened is told, and another may be tried", "[sd
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   CHECK(stgs_player_wait_open(player.get()) == STGS_ERROR_IO);
   const std::string message = error_of(player.get()).message;
-  CHECK(has(message, "failed with 42"));
-  CHECK(message.rfind("the application's source:") == 0);  // once
+  CHECK(has(message, "failed with error 42"));
+  CHECK(message.rfind("application source:") == 0);  // once
   CHECK(file.closed == 1);
   io.begin = nullptr;
   CHECK(stgs_player_open_async_io(player.get(), &io) == STGS_ERROR_ARGUMENT);
@@ -357,21 +357,21 @@ TEST_CASE("settings that are refused are named in the log", "[sdk]") {
   settings.url_max_attempts = 5000;
   stgs_player* player = nullptr;
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: url_max_attempts is 5000; it can be 1 to 1000");
+  CHECK(said == "settings: url_max_attempts is 5000 (expected 1 to 1000)");
   settings.url_max_attempts = 5;
   settings.prefetch_seconds = -1;
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: prefetch_seconds is -1; it can be 0 or more");
+  CHECK(said == "settings: prefetch_seconds is -1 (expected at least 0)");
   settings.prefetch_seconds = 1;
   stgs_task_runner runner{};
   runner.struct_size = sizeof runner;
   settings.task_runner = &runner;
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: task_runner lacks `run`");
+  CHECK(said == "settings: task_runner has no `run`");
   settings.task_runner = nullptr;
   settings.retry_seconds = std::numeric_limits<double>::quiet_NaN();
   CHECK(stgs_player_create(&settings, &player) == STGS_ERROR_ARGUMENT);
-  CHECK(said == "settings: retry_seconds is nan; it can be 0 or more");
+  CHECK(said == "settings: retry_seconds is nan (expected at least 0)");
   CHECK(player == nullptr);
 }
 
@@ -407,7 +407,7 @@ TEST_CASE("what is damaged or cannot be read while it plays is told with its byt
   }));
   CHECK(lost[0].event.result == STGS_ERROR_IO);
   CHECK(lost[0].event.offset >= file.error_from);
-  CHECK(has(lost[0].message, "failed with 7"));
+  CHECK(has(lost[0].message, "failed with error 7"));
 }
 
 TEST_CASE("a player ends at any moment while its source stalls", "[sdk]") {

@@ -262,13 +262,14 @@ TEST_CASE("stretches that are none are named, and change nothing", "[sdk]") {
     CHECK(words_of(recorder).find(words) != std::string::npos);
     CHECK((bytes_of(path) == before));
   };
-  refused([](auto& s, auto&) { s.frames = 0; }, "frames are 0");
-  refused([](auto& s, auto&) { s.frames = UINT32_MAX; }, "more than a file can have");
-  refused([](auto& s, auto&) { s.visible_frames = UINT32_MAX - 3; }, "more than a file can have");
-  refused([](auto& s, auto&) { s.count = 1ull << 40; }, "1099511627776 primitives");
+  refused([](auto& s, auto&) { s.frames = 0; }, "frames is 0");
+  refused([](auto& s, auto&) { s.frames = UINT32_MAX; }, "exceed the limit of the format");
+  refused([](auto& s, auto&) { s.visible_frames = UINT32_MAX - 3; },
+          "exceed the limit of the format");
+  refused([](auto& s, auto&) { s.count = 1ull << 40; }, "count is 1099511627776");
   refused([](auto& s, auto&) { s.position = nullptr; }, "position is NULL");
   refused([](auto& s, auto&) { s.sh = nullptr; }, "sh is NULL");
-  refused([](auto& s, auto&) { s.sigma = nullptr; }, "go together");
+  refused([](auto& s, auto&) { s.sigma = nullptr; }, "only some of time, sigma and radius");
   refused([](auto&, auto& p) { p.position[4] = NAN; }, "position[1] of primitive 1 is nan");
   refused([](auto&, auto& p) { p.velocity[0] = INFINITY; }, "velocity[0] of primitive 0 is inf");
   refused([](auto&, auto& p) { p.scale[8] = 0; }, "scale of primitive 2 is 0");
@@ -279,10 +280,11 @@ TEST_CASE("stretches that are none are named, and change nothing", "[sdk]") {
           "rotation of primitive 0");
   refused([](auto&, auto& p) { p.opacity[1] = 1.5f; }, "opacity of primitive 1 is 1.5");
   refused([](auto&, auto& p) { p.opacity[1] = NAN; }, "opacity of primitive 1 is nan");
-  refused([](auto&, auto& p) { p.sigma[0] = 0; }, "sigma of primitive 0 is 0");
+  refused([](auto&, auto& p) { p.sigma[0] = 0; }, "sigma of primitive 0 (expected > 0, got 0)");
   refused([](auto&, auto& p) { p.radius[2] = -1; }, "radius of primitive 2");
   refused([](auto&, auto& p) { p.importance[0] = -1; }, "importance of primitive 0");
-  refused([](auto&, auto& p) { p.position[0] = 1e38f; }, "lies at", STGS_ERROR_UNSUPPORTED);
+  refused([](auto&, auto& p) { p.position[0] = 1e38f; }, "exceeds the quantised range",
+          STGS_ERROR_UNSUPPORTED);
   CHECK(stgs_recorder_append(recorder.get(), nullptr) == STGS_ERROR_ARGUMENT);
   REQUIRE(stgs_recorder_append(recorder.get(), &good) == STGS_OK);
   CHECK(status_of(recorder).frames == 30);

@@ -205,7 +205,8 @@ TEST_CASE("views of an array lie as far apart as the program's header has them",
   const stgs_image pictures[2] = {on.picture(), on.picture()};
   CHECK(stgs_render(on.renderer.get(), on.scene.get(), 0.4, views, pictures, 2) ==
         STGS_ERROR_STRUCT_SIZE);
-  CHECK(std::string(error_of(on.renderer.get()).message).find("in one array") != std::string::npos);
+  CHECK(std::string(error_of(on.renderer.get()).message).find("must have one struct_size") !=
+        std::string::npos);
 }
 
 }  // namespace stgs::testing

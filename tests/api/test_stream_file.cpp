@@ -49,8 +49,8 @@ TEST_CASE("a file that is cut while it plays is told as often as it is, and made
     REQUIRE(p.complete());
     CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
   }
-  CHECK(p.said(Kind::kReadFailed, "have gone since it was opened"));
-  CHECK(p.said(Kind::kReplaced, "it was overwritten or cut"));
+  CHECK(p.said(Kind::kReadFailed, "the file was truncated while open"));
+  CHECK(p.said(Kind::kReplaced, "the file was overwritten or truncated"));
   CHECK(p.count(Kind::kReplaced) == times);
 }
 

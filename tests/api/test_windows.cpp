@@ -257,25 +257,29 @@ TEST_CASE("what does not make one capture is not merged") {
   CHECK(merge_windows({a, b})->parts == std::vector<ScenePart>{{0, 54.5, 0}, {54.5, 100, 0}});
   CHECK(merge_windows({window_scene("a", 0, 50), b})->parts[0].end_ticks == 49.5);
   CHECK(refused({a}).find("two windows") != std::string::npos);
-  CHECK(refused({a, {"c", {}}}).find("c: is no window") == 0);
-  CHECK(refused({window_scene("a", 0, 40), b}) == "frames 40:50 are missing between a and b");
-  CHECK(refused({window_scene("a", 5, 60), b}) == "frames 0:5 are missing before a");
-  CHECK(refused({a, window_scene("b", 50, 45)}) == "frames 95:100 are missing after b");
-  CHECK(refused({a, b, window_scene("c", 60, 40)}).find("one window lies in the other") !=
+  CHECK(refused({a, {"c", {}}}).find("c: not a window") == 0);
+  CHECK(refused({window_scene("a", 0, 40), b}) ==
+        "frames 40:50 are missing between a and b; add their window");
+  CHECK(refused({window_scene("a", 5, 60), b}) ==
+        "frames 0:5 are missing before a; add their window");
+  CHECK(refused({a, window_scene("b", 50, 45)}) ==
+        "frames 95:100 are missing after b; add their window");
+  CHECK(refused({a, b, window_scene("c", 60, 40)}).find("one window contains the other") !=
         std::string::npos);
-  CHECK(refused({a, a, b}).find("one window lies in the other") != std::string::npos);
+  CHECK(refused({a, a, b}).find("one window contains the other") != std::string::npos);
   WindowScene other = b;
   other.scene.metadata.window->capture = 9;
-  CHECK(refused({a, other}) == "a and b: are windows of different captures");
+  CHECK(refused({a, other}) ==
+        "a and b: windows of different captures; merge windows of one capture");
   other = b;
   other.scene.metadata.window->training = 9;
   CHECK(refused({a, other}).find("different settings") != std::string::npos);
   other = b;
   other.scene.gaussians.sh_degree = 2;
-  CHECK(refused({a, other}).find("harmonics of degree 0, b of degree 2") != std::string::npos);
+  CHECK(refused({a, other}).find("different SH degrees (0 and 2)") != std::string::npos);
   other = b;
   other.scene.metadata.background[2] = 9 / 255.0f;
-  CHECK(refused({a, other}).find("before other backgrounds, 0 0 0 and 0 0 9 of 255") !=
+  CHECK(refused({a, other}).find("different backgrounds (0 0 0 and 0 0 9 of 255)") !=
         std::string::npos);
 }
 

@@ -16,7 +16,7 @@
 #include "../api/splatv_fixture.h"
 #include "bytes.h"
 #include "container.h"
-#include "picture.h"
+#include "image_io.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/raster.h"

@@ -15,7 +15,7 @@ class PartOfACapture(CliTest):
             with self.subTest(name=name):
                 folder = self.copy_capture(name[:-4])
                 os.remove(os.path.join(folder, name))
-                self.fails(IO, f"{name}: is missing, .*prepare", "train", folder, "--preset",
+                self.fails(IO, f"{name}: no such file, .*prepare", "train", folder, "--preset",
                            "fast", "--iterations", "5", "-o", "scene.stgs")
                 self.assertFalse(os.path.exists(self.path("scene.stgs")))
 
@@ -41,7 +41,7 @@ class OtherCapture(CliTest):
             camera["fx"] *= 0.99  # as at another scale: they stand where they stood
         self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--iterations", "20",
                       "-o", "scene.stgs")
-        warning = b"stgs: warning: scene.stgs: no camera of other stands where"
+        warning = b"stgs: warning: scene.stgs: no camera of other has the pose of"
         self.moved("other", along)
         self.moved("same", smaller)
         for args in (["evaluate", "scene.stgs"], ["pack", "scene.stgs", "-o", "packed.stgs"]):

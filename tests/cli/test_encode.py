@@ -69,7 +69,7 @@ class Training(Paging):
             (USAGE, "--set perceptual_patch=64 has no effect without --perceptual-weights",
              self.train("--set", "perceptual_patch=64")),
             (USAGE, "no such hyper-parameter", self.train("--set", "zzz=1")),
-            (USAGE, "the hyper-parameter iterations is 0; it must be from 1 to",
+            (USAGE, "hyper-parameter iterations is out of range (expected 1 to",
              self.train("--set", "iterations=0")),
             (USAGE, "--checkpoint-interval requires --checkpoint",
              self.train("--checkpoint-interval", "5")),
@@ -108,7 +108,7 @@ class Training(Paging):
             with self.subTest(args=args):
                 if "w" in args:
                     os.mkdir(self.path("w"))
-                self.fails(USAGE, f"is where both {one} and {other} lead", *args)
+                self.fails(USAGE, f"used by both {one} and {other}", *args)
         self.assertEqual(self.read("scene.stgs"), b"old")
         self.assertEqual(sorted(os.listdir(self.work)), ["link.ckpt", "scene.stgs", "sub", "w"])
 
@@ -255,11 +255,11 @@ class Training(Paging):
             scenes.append(self.read("out.stgs"))
         self.assertEqual(scenes[1], scenes[2])
         self.assertEqual(len(set(scenes)), 3)
-        self.fails(USAGE, "names 'lifespan' twice", *args, "--ablate", "lifespan,lifespan")
-        self.fails(USAGE, "--ablate modulation has no effect beside representation",
+        self.fails(USAGE, "'lifespan' is given twice", *args, "--ablate", "lifespan,lifespan")
+        self.fails(USAGE, "--ablate: modulation has no effect together with representation",
                    *args, "--ablate", "representation,modulation")
         self.fails(USAGE, "--ablate: magic not in", *args, "--ablate", "lifespan,magic")
-        self.fails(USAGE, "nothing was found to move", *args, "--ablate", "lifespan,initialisation")
+        self.fails(USAGE, "has no dynamic points", *args, "--ablate", "lifespan,initialisation")
 
     def test_an_interrupted_train_writes_its_checkpoint_and_no_scene(self):
         args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",
@@ -334,8 +334,8 @@ class Encoding(Paging):
         encode = ["encode", harness.sample(), "-o", "o.stgs", "--progress", "json"]
         for code, message, more in [
                 (USAGE, "--quality: 500 is out of range", ["--quality", "500"]),
-                (USAGE, "'soon' is not a value for lr_time", ["--set", "lr_time=soon"]),
-                (USAGE, "iterations is 0", ["--set", "iterations=0"]),
+                (USAGE, "--set lr_time=soon: invalid value", ["--set", "lr_time=soon"]),
+                (USAGE, "hyper-parameter iterations is out of range", ["--set", "iterations=0"]),
                 (IO, "none.ckpt", ["--keep-work", "w", "--resume", "none.ckpt"]),
                 (INVALID, "rubbish: not an STGS checkpoint",
                  ["--keep-work", "w", "--resume", "rubbish"])]:

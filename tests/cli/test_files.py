@@ -38,7 +38,7 @@ class TruncatedScene(CliTest):
         self.assertTrue(os.path.exists(self.path("out.png")))
         run = self.succeeds("pack", cut, "-o", "packed.stgs")
         self.assertIn("the file is truncated", run.stderr.decode())
-        self.assertRegex(run.stderr.decode(), r"cannot be read: 1 of \d+ segments")
+        self.assertRegex(run.stderr.decode(), r"cannot read 1 of \d+ segments")
 
 
 class DamagedSegments(CliTest):
@@ -95,7 +95,7 @@ class DamagedSegments(CliTest):
         self.assert_alike("damaged.png", "plain.png")
         self.fails(INVALID, "error", "validate", "damaged_1_steady.stgs")
         run = self.succeeds("pack", "damaged_1_steady.stgs", "-o", "packed.stgs")
-        self.assertRegex(run.stderr.decode(), r"cannot be read: the harmonics alone of (\d+) of \1 .*is damaged")
+        self.assertRegex(run.stderr.decode(), r"cannot read the SH of (\d+) of \1 .*is damaged")
 
     def test_damage_in_a_recording(self):
         report, warnings = self.picture(self.damaged("live.stgs", 1), "live.png")
@@ -108,7 +108,7 @@ class DamagedSegments(CliTest):
             damaged = self.damaged(scene, 0)
             for verb in (["render", damaged, "--time", "0.05", "-o", "out.png"],
                          ["bench", damaged, "--num-frames", "1"]):
-                self.fails(INVALID, "nothing of what is alive at .* can be read: .*damaged", *verb)
+                self.fails(INVALID, "no data for .* can be read: .*damaged", *verb)
             self.assertFalse(os.path.exists(self.path("out.png")))
 
     def test_what_is_sound_is_drawn(self):
@@ -133,8 +133,8 @@ class DamagedScenes(CliTest):
             (IO, "missing.stgs: cannot open: No such file", self.path("missing.stgs")),
             (IO, "not a regular file", self.work),
             (IO, "not a regular file", "/dev/null"),
-            (INVALID, "empty.stgs: 0 bytes are too few", self.write("empty.stgs", b"")),
-            (INVALID, "short.stgs: 17 bytes are too few", self.write("short.stgs", self.good[:17])),
+            (INVALID, "empty.stgs: too short for an .stgs file", self.write("empty.stgs", b"")),
+            (INVALID, "short.stgs: too short for an .stgs file \(expected at least 40 bytes, got 17", self.write("short.stgs", self.good[:17])),
             (INVALID, "cut.stgs: the file is truncated: 100 bytes",
              self.write("cut.stgs", self.good[:100])),
             (INVALID, "text.stgs: not an .stgs file", self.write("text.stgs", "no scene " * 50)),
@@ -142,14 +142,14 @@ class DamagedScenes(CliTest):
              self.write("magic.stgs", flipped(without_copy, 1))),
             (INVALID, "meta.stgs: record 'META' is damaged",
              self.write("meta.stgs", flipped(without_copy, 80))),
-            (UNSUPPORTED, "newer_major.stgs.*format version 2.0; this program reads 1.x",
+            (UNSUPPORTED, "newer_major.stgs.*unsupported format version \(expected 1.x, got 2.0\)",
              self.fixture("newer_major.stgs")),
-            (UNSUPPORTED, "experiment.stgs.*version 0.6 was an experiment.*make the file again",
+            (UNSUPPORTED, "experiment.stgs.*version 0.6 was an experiment.*create the file again",
              self.fixture("experiment.stgs")),
             (INVALID, "huge_count.stgs.*claims 4294967295 primitives",
              self.fixture("huge_count.stgs")),
             (INVALID, "huge_bytes.stgs: .*do not lie in the body", self.fixture("huge_bytes.stgs")),
-            (INVALID, "wrong_sum.stgs: .*hold 400 primitives, the total says 401",
+            (INVALID, "wrong_sum.stgs: .*primitive count mismatch \(total states 401, segments have 400\)",
              self.fixture("wrong_sum.stgs")),
         ]
         verbs = {
@@ -167,10 +167,10 @@ class DamagedScenes(CliTest):
     def test_bytes_behind_the_end_are_told_and_passed_over(self):
         path = self.write("long.stgs", self.good + b"more")
         self.assertEqual([d["number"] for d in self.json_of("info", path)["damage"]], [106])
-        self.assertIn("bytes after its end", self.succeeds("info", path).stdout.decode())
+        self.assertIn("extra bytes after the end of the file", self.succeeds("info", path).stdout.decode())
         self.succeeds("compare", path, self.fixture("tiny.stgs"))
         run = self.succeeds("render", path, "--time", "0", "-o", "null")
-        self.assertIn("bytes after its end", run.stderr.decode())
+        self.assertIn("extra bytes after the end of the file", run.stderr.decode())
         self.fails(INVALID, "1 error", "validate", path)
 
     def test_damage_in_a_segment_is_found_where_it_is(self):
@@ -187,7 +187,7 @@ class DamagedScenes(CliTest):
     def test_too_little_memory_is_an_error_that_names_the_file_and_the_moment(self):
         def limit():
             resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
-        self.fails(RUNTIME, r"tiny.stgs: cannot draw 0\.1 s: .*memory; 30000x30000 pixels .*--size",
+        self.fails(RUNTIME, r"tiny.stgs: cannot render 0\.1 s: .*memory; 30000x30000 pixels .*--size",
                    "render", self.fixture("tiny.stgs"), "--time", "0.1", "--size", "30000x30000",
                    "-o", "null", "--threads", "2", preexec_fn=limit)
 

@@ -45,7 +45,7 @@ class DamagedHeads(Told):
             self.write("damaged.stgs", flipped(sound, at))
             for verb, lines in self.all_ways("damaged.stgs").items():
                 self.assertEqual(len(lines), 1, (verb, lines))
-                self.assertIn("the head is damaged and was read from its copy", lines[0], verb)
+                self.assertIn("head is damaged and was read from its copy", lines[0], verb)
             self.assertEqual(self.read("f.stgs"), sound)
             self.succeeds("convert", "damaged.stgs", "mended.ply", "--time", "0.05")
             self.assertEqual(self.read("mended.ply"), self.read("sound.ply"))
@@ -58,7 +58,7 @@ class DamagedRecordings(Told):
         scene = self.vector("fragment_damaged")
         for verb, lines in self.all_ways(scene).items():
             text = "\n".join(lines)
-            self.assertIn("a fragment of the index is damaged", text, verb)
+            self.assertIn("index fragment is damaged", text, verb)
             self.assertRegex(text, r"first seen at 3\.000 to 3\.333 s is lost .*: \d+ bytes", verb)
         info = self.json_of("info", scene)
         self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost_fragments"]], [(3, 3.333)])
@@ -67,7 +67,7 @@ class DamagedRecordings(Told):
         self.write("camera.json", '{"width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8,'
                                   '"rotation": [1,0,0,0,1,0,0,0,1], "translation": [0,0,9]}')
         look = "--camera", "camera.json", "-o", "out.png"
-        self.fails(INVALID, "nothing of what is alive at 3.1 s can be read", "render", scene,
+        self.fails(INVALID, "no data for 3.1 s can be read", "render", scene,
                    "--time", "3.1", *look)
         self.assertFalse(os.path.exists(self.path("out.png")))
         for moment in ("2.9", "3.4"):
@@ -105,13 +105,13 @@ class DamagedRecordings(Told):
         self.assertEqual(report["damaged"]["segments"], 1)
         self.assertEqual((report["frames"], report["primitives"]), (3, 400))
         lines = self.warnings("finalize", scene, "-o", "f.stgs")
-        self.assertRegex(lines[0], "1 of 2 segments with 400 primitives")
+        self.assertRegex(lines[0], "1 of 2 segments \(400 primitives\)")
         self.succeeds("validate", "f.stgs")
 
     def test_what_is_cut_off_is_told(self):
         for verb, lines in self.all_ways(self.fixture("cut.stgs")).items():
             self.assertEqual(len(lines), 1, verb)
-            self.assertIn("1000 bytes after the last complete fragment are left out", lines[0])
+            self.assertIn("1000 bytes after the last complete fragment are ignored", lines[0])
 
     def test_a_hidden_fragment(self):
         """A fragment to which damage bars the way is not used, and info and validate say so."""
@@ -124,9 +124,9 @@ class DamagedRecordings(Told):
         self.assertGreater(info["unreachable_s"], info["duration_s"])
         self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"not shown +up to \S+ s is recorded")
         for verb, lines in self.all_ways(scene).items():
-            self.assertRegex(lines[0], r"are left out: up to \S+ s is recorded in them, but a damaged record", verb)
+            self.assertRegex(lines[0], r"are ignored: they contain frames up to \S+ s, behind a damaged record", verb)
         run = self.fails(INVALID, "1 error", "validate", scene)
-        self.assertIn("a fragment among them, of 6 frames in all, is not used", run.stdout.decode())
+        self.assertIn("they contain an index fragment with 6 frames that cannot be used", run.stdout.decode())
 
 
 class PassedOver(Told):
@@ -135,10 +135,10 @@ class PassedOver(Told):
         expected = {
             "timed_data_alone": ["timed data 'audio/opus' of content 200 (org.example.sound)"],
             "private_numbers": ["timed data 'audio/opus' of content 200 (org.example.sound)",
-                                "the private profile 0xc001 (org.example.rig)",
-                                "the attribute 0xc005 (org.example.heat)",
+                                "private profile 0xc001 (org.example.rig)",
+                                "primitive attribute 0xc005 (org.example.heat)",
                                 "'liGT' 'org.example.lights'", "'priv' 'org.example.lights'", "'zzzz'"],
-            "optional_stream": ["the attribute 0x8001"],
+            "optional_stream": ["primitive attribute 0x8001"],
             "further_records": ["timed data of content 2:", "timed data of content 191:"],
         }
         for name, parts in expected.items():
@@ -175,13 +175,13 @@ class Clipping(Told):
         big[7], big[3] = 20, 50
         lines = self.clipped([self.PLAIN, big], self.NAMES)
         self.assertEqual(len(lines), 2)
-        self.assertIn("log scales from -10 to 5.94: 1 of 6 values are clipped, by up to 14", lines[0])
-        self.assertIn("colours from -0.44 to 1.44: 1 of 6 values are clipped, by up to 13.2", lines[1])
+        self.assertIn("clipped 1 of 6 log scales to the range of SPZ, -10 to 5.94, by up to 14", lines[0])
+        self.assertIn("clipped 1 of 6 colours to the range of SPZ, -0.44 to 1.44, by up to 13.2", lines[1])
         names = self.NAMES[:6] + [f"f_rest_{i}" for i in range(9)] + self.NAMES[6:]
         row = self.PLAIN[:6] + (100,) + 8 * (0,) + self.PLAIN[6:]
         lines = self.clipped([row], names)
         self.assertEqual(len(lines), 1)
-        self.assertIn("harmonics from -1 to 1: 1 of 9 values are clipped, by up to 99", lines[0])
+        self.assertIn("clipped 1 of 9 SH coefficients to the range of SPZ, -1 to 1, by up to 99", lines[0])
         self.assertEqual(self.clipped([self.PLAIN], self.NAMES), [])
 
 

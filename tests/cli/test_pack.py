@@ -47,8 +47,8 @@ class Packing(CliTest):
         self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
                          "where the sound is")
         self.fails(1, "--audio", "pack", tiny, "-o", "x.stgs", "--audio-offset", "1")
-        self.fails(1, "points nowhere", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
-        self.fails(1, "give an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
+        self.fails(1, "has no direction", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
+        self.fails(1, "requires an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
 
     def test_pack_to_a_rate_and_an_error(self):
         tiny = self.fixture("tiny.stgs")
@@ -60,7 +60,7 @@ class Packing(CliTest):
         self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
         self.assertLess(report["quality"], 87)
         self.assertLessEqual(report["errors"]["position_max"], 0.002)
-        self.fails(USAGE, "kbit/s is too little", "pack", tiny, "-o", "none.stgs",
+        self.fails(USAGE, "is too low: at quality", "pack", tiny, "-o", "none.stgs",
                    "--target-kbps", "0.1")
         self.assertFalse(os.path.exists(self.path("none.stgs")))
         self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
@@ -74,7 +74,7 @@ class Packing(CliTest):
         self.assertGreater(held_out["before"]["psnr"], 0)
         self.assertEqual(held_out["before"]["images"], held_out["after"]["images"])
         for code, message, scene, against in (
-                (USAGE, "do not belong together", "longer.stgs", prepared),
+                (USAGE, "do not match", "longer.stgs", prepared),
                 (IO, "none", "tiny.stgs", "none")):
             self.fails(code, message, "pack", self.fixture(scene), "-o", "none.stgs", "--against",
                        against)
@@ -85,7 +85,7 @@ class Packing(CliTest):
         self.assertNotIn(b"warning", first.stderr)
         again = self.stgs("pack", "one.stgs", "-o", "two.stgs", "--format", "json")
         self.assertEqual(again.returncode, 0)
-        self.assertIn(b"stgs: warning: one.stgs: is packed already", again.stderr)
+        self.assertIn(b"stgs: warning: one.stgs: already packed", again.stderr)
         self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
 
     @unittest.skipUnless(built_in("draco"), "needs libdraco")
@@ -106,11 +106,11 @@ class Packing(CliTest):
     def test_the_profile_draco_is_not_built(self):
         scene = os.path.join(harness.SOURCE, "tests", "data", "draco", "draco.stgs")
         self.assertEqual(self.json_of("info", scene)["profile"], "draco")
-        self.fails(NOT_BUILT, "need libdraco", "validate", scene)
-        self.fails(NOT_BUILT, "need libdraco", "convert", scene, "o.ply", "--time", "0")
-        self.fails(NOT_BUILT, "need libdraco", "pack", self.fixture("tiny.stgs"), "-o",
+        self.fails(NOT_BUILT, "lacks libdraco", "validate", scene)
+        self.fails(NOT_BUILT, "lacks libdraco", "convert", scene, "o.ply", "--time", "0")
+        self.fails(NOT_BUILT, "lacks libdraco", "pack", self.fixture("tiny.stgs"), "-o",
                    "o.stgs", "--profile", "draco")
-        self.fails(NOT_BUILT, "need libdraco", "encode", harness.sample(), "-o", "o.stgs",
+        self.fails(NOT_BUILT, "lacks libdraco", "encode", harness.sample(), "-o", "o.stgs",
                    "--profile", "draco")
         self.assertEqual(os.listdir(self.work), [])
 

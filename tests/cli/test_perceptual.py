@@ -48,25 +48,25 @@ class Perceptual(CliTest):
 
     def test_without_a_file_it_is_off(self):
         result = self.succeeds(*self.train("--log", "log.jsonl"))
-        self.assertIn(b"perceptual loss: off, for --perceptual-weights names no file",
+        self.assertIn(b"perceptual loss disabled (no --perceptual-weights)",
                       result.stderr)
         self.assertEqual(json.loads(self.read("log.jsonl").splitlines()[-1])["perceptual"], 0)
         self.assertIsNone(self.json_of(*self.train())["perceptual"])
-        self.fails(USAGE, "--perceptual-weights has no effect where weight_perceptual is 0",
+        self.fails(USAGE, "--perceptual-weights has no effect if weight_perceptual is 0",
                    *self.train("--perceptual-weights", "w.safetensors"),
                    "--set", "weight_perceptual=0")
 
     def test_with_a_file_it_is_on(self):
         self.succeeds(*self.train())
         scene = self.read("out.stgs")
-        for linear, text in ((True, b"on, LPIPS (vgg), weights of w.safetensors"),
-                             (False, b"uniform channel weights, for the file has no linear")):
+        for linear, text in ((True, b"enabled: LPIPS (vgg), weights from w.safetensors"),
+                             (False, b"uniform channel weights (the file has no LPIPS linear")):
             with self.subTest(linear=linear):
                 self.write("w.safetensors", weights(linear))
                 args = self.train("--perceptual-weights", "w.safetensors")
                 result = self.succeeds(*args, "--log", "log.jsonl", "--report", "page")
                 self.assertIn(text, result.stderr)
-                self.assertIn(b"slow on a CPU", result.stderr)
+                self.assertIn(b"slow on the CPU", result.stderr)
                 self.assertIn(b"Perceptual loss", self.read("page/index.html"))
                 steps = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
                 for step in steps:
@@ -99,7 +99,7 @@ class Perceptual(CliTest):
         self.succeeds(*args, "--checkpoint", "run.ckpt", "--resume", "run.ckpt")
         self.assertEqual(self.read("out.stgs"), whole)
         for file in ([], ["--perceptual-weights", "other.safetensors"]):
-            result = self.fails(USAGE, "run.ckpt: .*another run",
+            result = self.fails(USAGE, "run.ckpt: checkpoint of another run",
                                 *self.train(*file, "--resume", "run.ckpt"))
             self.assertRegex(result.stderr, rb"\n  perceptual weights: [0-9a-f]{16}, now ")
 
@@ -121,11 +121,11 @@ class Perceptual(CliTest):
         self.write("w.safetensors", good)
         cases = [
             (IO, "none.safetensors: cannot open", "none.safetensors", []),
-            (INVALID, "cut.safetensors: tensor 'features.* is cut short", "cut.safetensors", []),
+            (INVALID, "cut.safetensors: tensor 'features.* is truncated", "cut.safetensors", []),
             (INVALID, "text.safetensors: not a safetensors file", "text.safetensors", []),
-            (INVALID, "less.safetensors: holds no tensor 'features.28.bias'", "less.safetensors",
+            (INVALID, "less.safetensors: tensor 'features.28.bias' is missing", "less.safetensors",
              []),
-            (USAGE, "perceptual_patch must be 0, the whole picture, or at least 16 pixels",
+            (USAGE, "perceptual_patch is out of range (expected 0, the complete image, or at least 16 pixels, got 15)",
              "w.safetensors", ["--set", "perceptual_patch=15"]),
         ]
         for code, message, file, more in cases:

@@ -111,7 +111,7 @@ class Ranks(CliTest):
         self.both_succeed([*args, "--resume", "run.ckpt"])
         self.assertEqual(self.read("out.stgs"), self.read("whole.stgs"))
         result = self.succeeds(*args, "--resume", "stopped.ckpt")
-        self.assertIn("stopped.ckpt: 2 process(es) made it and 1 go(es) on",
+        self.assertIn("stopped.ckpt: number of processes was 2 and is now 1",
                       result.stderr.decode())
         self.assertNotEqual(self.read("out.stgs"), self.read("whole.stgs"))
 
@@ -131,9 +131,9 @@ class Ranks(CliTest):
 
     def test_both_must_be_started_alike(self):
         first = self.train("--iterations", "50")
-        self.both_fail(USAGE, "process 2 of 2 has another capture or other settings than process 1",
+        self.both_fail(USAGE, "process 2 of 2: different capture or other settings than process 1",
                        first, self.train("--iterations", "60"))
-        self.both_fail(USAGE, "process 2 of 2 has another checkpoint, log or measures", first,
+        self.both_fail(USAGE, "process 2 of 2: different checkpoint, log or evaluation settings", first,
                        self.train("--iterations", "50", "--num-evals", "3"))
 
     def test_a_killed_process_takes_the_other_along(self):
@@ -179,7 +179,7 @@ class StartedAsSeveral(CliTest):
     def test_a_build_without_mpi_does_not_train_the_same_twice(self):
         if harness.built_in("mpi"):
             self.skipTest("MPI is built in")
-        self.run_in(NOT_BUILT, "mpirun has started 2 processes, and this build has no MPI",
+        self.run_in(NOT_BUILT, "mpirun started 2 processes, but this build has no MPI",
                     ["train", self.fixture("prepared"), "-o", "out.stgs"],
                     OMPI_COMM_WORLD_SIZE="2")
 

@@ -26,7 +26,7 @@ class Capture(CliTest):
             with self.subTest(args=args):
                 if option != "--output":
                     args += ["-o", "scene.stgs"]
-                self.fails(USAGE, f"is where both .*{option}.* lead", *args)
+                self.fails(USAGE, f"used by both .*{option}", *args)
                 self.assertRegex(self.stgs(*args).stderr, b"DIR")
         self.assertEqual(self.contents(folder), before)
         self.assertEqual(os.listdir(self.work), ["capture"])
@@ -46,9 +46,9 @@ class Capture(CliTest):
 
 class Parameters(CliTest):
     def test_values_that_are_none(self):
-        for told, sets in [("'1.5' is not a value for sh_degree: it needs a whole number", ["sh_degree=1.5"]),
-                           ("'nan' is not a value for drop_share: it needs a number", ["drop_share=nan"]),
-                           ("seen_background is 7; it must be from 0 to 1", ["seen_background=7"]),
+        for told, sets in [("--set sh_degree=1.5: invalid value \(expected an integer", ["sh_degree=1.5"]),
+                           ("--set drop_share=nan: invalid value \(expected a number", ["drop_share=nan"]),
+                           ("hyper-parameter seen_background is out of range \(expected 0 to 1, got 7\)", ["seen_background=7"]),
                            ("sh_degree is set twice", ["sh_degree=1", "sh_degree=2"])]:
             with self.subTest(sets=sets):
                 options = [part for one in sets for part in ("--set", one)]
@@ -57,7 +57,7 @@ class Parameters(CliTest):
     def test_what_leaves_nothing_is_no_scene(self):
         sets = ["prune_opacity=0.999", "initial_opacity=0.01", "initial_opacity_dynamic=0.01",
                 "densify_interval=5"]
-        self.fails(RUNTIME, "training left nothing: every primitive was removed as too faint",
+        self.fails(RUNTIME, "training left no primitives: all were pruned as too faint",
                    "train", self.fixture("prepared"), "-o", "a.stgs", "--backend", "cpu",
                    "--iterations", "60", *[part for one in sets for part in ("--set", one)])
         self.assertFalse(os.path.exists(self.path("a.stgs")))
@@ -65,8 +65,8 @@ class Parameters(CliTest):
     @unittest.skipUnless(built_in("encode"), "encode is not built in")
     def test_a_space_that_is_none_is_told_before_the_long_work(self):
         sample = os.path.join(harness.SOURCE, "tests", "data", "workshop")
-        for told, options in [("points nowhere", ["--up", "0,0,0"]),
-                              ("needs to know what is up", ["--floor", "0,0,0"])]:
+        for told, options in [("has no direction", ["--up", "0,0,0"]),
+                              ("requires an up vector", ["--floor", "0,0,0"])]:
             with self.subTest(options=options):
                 self.fails(USAGE, told, "encode", sample, "-o", "a.stgs", *options, "--keep-work",
                            "work")

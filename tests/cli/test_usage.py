@@ -73,7 +73,7 @@ class Usage(CliTest):
              ["render", self.fixture("no_camera.stgs"), "--time", "0", "-o", "out.png"]),
             ("--every: 0 is out of range", ["evaluate", tiny, "--against", prepared, "--every",
                                             "0"]),
-            ("do not belong together", ["evaluate", self.fixture("longer.stgs"), "--against",
+            ("do not match", ["evaluate", self.fixture("longer.stgs"), "--against",
                                         prepared]),
             ("are not of one kind", ["compare", tiny, "picture.png"]),
             ("--min-psnr: 'high' is not a number", ["compare", tiny, tiny, "--min-psnr", "high"]),
@@ -95,7 +95,7 @@ class Usage(CliTest):
     @unittest.skipIf(not built_in("play"), "play is not built in")
     def test_a_wrong_path_is_told_where_no_window_can_be(self):
         self.fails(2, "nothere.stgs", "play", "nothere.stgs")
-        self.fails(USAGE, "only URLs that begin with http", "play", "ftp://here/a.stgs")
+        self.fails(USAGE, "unsupported URL scheme", "play", "ftp://here/a.stgs")
 
     @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
     def test_what_is_not_built_in_says_so(self):

@@ -96,7 +96,7 @@ class Reading(CliTest):
             with open(self.path("a.png"), "rb") as a, open(self.path("b.png"), "rb") as b:
                 self.assertEqual(a.read(), b.read())
         tiny = self.fixture("tiny.stgs")
-        self.fails(1, "has its index in the head already", "finalize", tiny, "-o", "x.stgs")
+        self.fails(1, "already finished and intact", "finalize", tiny, "-o", "x.stgs")
         self.fails(1, "is the recording itself", "finalize", recorded, "-o", recorded)
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 
@@ -205,7 +205,7 @@ class Reading(CliTest):
 
     def test_bench_tells_steps_where_the_backend_does(self):
         # At once, not after the many pictures of the first pass.
-        self.fails(5, "'cpu' does not tell what its steps take", "bench", self.fixture("tiny.stgs"),
+        self.fails(5, "'cpu' cannot profile its steps", "bench", self.fixture("tiny.stgs"),
                    "--steps", "--backend", "cpu", "--num-frames", "1000000")
 
     def test_bench_stores_more_than_is_alive(self):

@@ -135,9 +135,9 @@ class Windows(CliTest):
             (USAGE, "frames 2:4 are missing between", [parts[0], parts[2]]),
             (USAGE, "frames 4:6 are missing after", [parts[0], parts[1]]),
             (USAGE, "frames 0:2 are missing before", [parts[2], parts[1]]),
-            (USAGE, "one window lies in the other", [parts[0], parts[0], parts[1]]),
-            (USAGE, "were trained with different settings", [parts[0], "other.stgs", parts[2]]),
-            (USAGE, "whole.stgs: is no window of a capture", [parts[0], "whole.stgs"]),
+            (USAGE, "one window contains the other", [parts[0], parts[0], parts[1]]),
+            (USAGE, "trained with different settings", [parts[0], "other.stgs", parts[2]]),
+            (USAGE, "whole.stgs: not a window of a capture", [parts[0], "whole.stgs"]),
             (USAGE, "which packing would lose", [*parts, "-o", parts[1]]),
         ]
         for code, message, inputs in cases:
@@ -145,7 +145,7 @@ class Windows(CliTest):
                 output = [] if "-o" in inputs else ["-o", "merged.stgs"]
                 self.fails(code, message, "pack", *inputs, *output)
         for message, options in [
-                ("a window must be longer", ["--window", "2", "--overlap", "2"]),
+                ("expected 0 <= overlap < window", ["--window", "2", "--overlap", "2"]),
                 ("--window-index 3: there are 3 windows, 0 to 2", ["--window", "2", "--window-index", "3"]),
                 ("--overlap requires --window", ["--overlap", "1"]),
                 ("excludes", ["--window", "2", "--frames", "0:2"]),

@@ -72,7 +72,7 @@ def broken_harmonics():
     records = [i for i in range(len(whole)) if whole.startswith(b"SEGM", i)]
     must_fail("harmonics_damaged", "3.1", "a flipped bit in the harmonics of the first of two tiers",
               with_byte(whole, records[2] + 100))
-    must_fail("harmonics_cut_off", "2.6", "the file ends in the harmonics of the first of two tiers",
+    must_fail("harmonics_cut_off", "2.6", "the file is truncated in the harmonics of the first of two tiers",
               whole[:records[2] + 100])
     must_fail("primitives_damaged", "3.1", "a flipped bit in the first of two tiers",
               with_byte(whole, records[0] + 300))

@@ -68,7 +68,7 @@ class Play(unittest.TestCase):
         play = json.loads(run.stdout)["play"]
         self.assertGreater(play["failed_reads"], 0)
         self.assertGreater(play["incomplete"], 0)
-        self.assertIn(b"there is no such file (missing for now)", run.stderr)
+        self.assertIn(b"the file does not exist (missing for now)", run.stderr)
 
     def test_a_file(self):
         out = self.play(self.file, 0.7, 2.9, 0.1)

@@ -42,7 +42,25 @@ Eigen::Matrix4d covariance_of(const math::Coupled& g) {
   return m * m.transpose();
 }
 
-// The float at place k of a struct of floats.
+// Conditioning on a time, by the rows of the axes: the reference of the gradients and of
+// coupled_primitive.
+math::Conditional conditional(const math::Coupled& g) {
+  using namespace math;
+  const CoupledRows r = coupled_rows(coupled_axes(g));
+  const float variance = quat_dot(r.t, r.t);
+  Conditional c;
+  c.u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
+                quat_dot(r.z, r.t) / variance);
+  c.sigma = std::sqrt(2.0f * variance);
+  const Quat x = quat_add(r.x, quat_scale(r.t, -c.u.x));
+  const Quat y = quat_add(r.y, quat_scale(r.t, -c.u.y));
+  const Quat z = quat_add(r.z, quat_scale(r.t, -c.u.z));
+  c.covariance = {quat_dot(x, x), quat_dot(x, y), quat_dot(x, z),
+                  quat_dot(y, y), quat_dot(y, z), quat_dot(z, z)};
+  return c;
+}
+
+// The float at index k of a struct of floats.
 template <typename T>
 float& entry(T& value, std::size_t k) {
   return reinterpret_cast<float*>(&value)[k];
@@ -82,7 +100,7 @@ TEST_CASE("the coupled form's axes are a rotation of scaled axes, and it conditi
     const Eigen::Matrix4d v = covariance_of(g);
     const double product = double(g.time) * g.scale.x * g.scale.y * g.scale.z;
     CHECK(v.determinant() == Approx(product * product).epsilon(1e-4));
-    const math::Conditional c = math::coupled_conditional(g);
+    const math::Conditional c = conditional(g);
     const Eigen::Vector3d cross = v.block<3, 1>(1, 0);
     const Eigen::Matrix3d rest = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
     CHECK(c.sigma == Approx(std::sqrt(2 * v(0, 0))).epsilon(1e-5));
@@ -103,7 +121,7 @@ TEST_CASE("the coupled form's gradients match finite differences in every parame
     math::Conditional weights;
     for (std::size_t k = 0; k < kOutputs; ++k) entry(weights, k) = normal(random);
     const auto loss = [&](math::Coupled at) {
-      math::Conditional c = math::coupled_conditional(at);
+      math::Conditional c = conditional(at);
       double sum = 0;
       for (std::size_t k = 0; k < kOutputs; ++k) {
         sum += static_cast<double>(entry(weights, k)) * entry(c, k);
@@ -131,7 +149,7 @@ TEST_CASE("what is drawn of a coupled Gaussian has the conditional's covariance"
     // Flat ones and needles too.
     if (run % 2 == 1) g.scale.x *= 1e-3f;
     if (run % 3 == 1) g.scale.y *= 1e-2f;
-    const math::Conditional c = math::coupled_conditional(g);
+    const math::Conditional c = conditional(g);
     const math::CoupledPrimitive drawn = math::coupled_primitive(g, kTick);
     CAPTURE(run);
     CHECK(drawn.sigma * kTick == Approx(c.sigma).epsilon(1e-5));

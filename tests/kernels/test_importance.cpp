@@ -68,8 +68,8 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
   const auto cpu = make_cpu_backend();
   CHECK(compute_importance(failing, *cpu, state, views, always, log) ==
         view_importance(state.set, views, always));
-  CHECK(told == std::vector<std::string>{
-                    "the primitives are weighed once more, on the CPU: the GPU is gone"});
+  CHECK(told == std::vector<std::string>{"importances could not be computed on the training "
+                                         "backend (the GPU is gone); using the CPU"});
 
   told.clear();
   const auto none = compute_importance(failing, throwing, state, views, always, log);
@@ -77,7 +77,8 @@ TEST_CASE("where the backend cannot weigh the CPU does, and where nothing can th
   CHECK(none->empty());
   REQUIRE(told.size() == 2);
   CHECK(told[1] ==
-        "the primitives are not weighed, so that pack goes by their sizes: too many tiles");
+        "importances could not be computed (too many tiles); pack will use the sizes of the "
+        "primitives");
 
   told.clear();
   CHECK_FALSE(compute_importance(

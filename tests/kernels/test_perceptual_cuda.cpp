@@ -297,9 +297,9 @@ TEST_CASE("the perceptual loss counts in what a plan needs") {
     CHECK(status.code() == StatusCode::kUnsupported);
     CHECK(status.message().find(text) != std::string::npos);
   };
-  refused("or a smaller perceptual_patch (4");  // GiB of it
+  refused("a smaller perceptual_patch (which takes 4");  // GiB of it
   plan.width = plan.height = 5000;
-  refused("5000x5000 pixels are too large for cuDNN: use a smaller perceptual_patch");
+  refused("5000x5000 pixels are too large for cuDNN; use a smaller perceptual_patch");
   plan.primitives = 1000;
   plan.perceptual_patch = 256;
   check(backend.reserve(plan));

@@ -67,33 +67,39 @@ TEST_CASE("arrays come back as 32-bit floats from every type that is read") {
 TEST_CASE("broken headers are refused before anything is read by them") {
   refused(open(Bytes(5)), "too short");
   refused(open(Bytes(8)), "not a JSON object");
-  refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "needs 100 bytes of 2");
-  refused(open(Bytes(16, 0xff)), "needs 18446744073709551615 bytes of 8");
-  refused(open(std::string(kMaxSafetensorsHeader + 1, ' '), 0), "are more than");
+  refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "header of 100 bytes, 2 available");
+  refused(open(Bytes(16, 0xff)), "header of 18446744073709551615 bytes, 8 available");
+  refused(open(std::string(kMaxSafetensorsHeader + 1, ' '), 0), "header too large");
   for (const char* header : {"[]", "{", "{\"a\":}", "\"text\"", "{\"\xff\":1}"})
     refused(open(header, 0), "not a JSON object");
   refused(open(std::string(100000, '['), 0), "not a JSON object");
   const struct {
     const char *entry, *message;
   } entries[] = {
-      {R"(3)", "not described by a JSON object"},
-      {R"({"shape":[1],"data_offsets":[0,4]})", "no dtype"},
-      {R"({"dtype":4,"shape":[1],"data_offsets":[0,4]})", "no dtype"},
-      {R"({"dtype":"F32","data_offsets":[0,4]})", "no shape"},
-      {R"({"dtype":"F32","shape":4,"data_offsets":[0,4]})", "no shape"},
-      {R"({"dtype":"F32","shape":[1]})", "no data_offsets"},
-      {R"({"dtype":"F32","shape":[1],"data_offsets":[0,4,8]})", "no data_offsets"},
-      {R"({"dtype":"F32","shape":[-1],"data_offsets":[0,4]})", "its shape is not"},
-      {R"({"dtype":"F32","shape":[1.5],"data_offsets":[0,4]})", "its shape is not"},
+      {R"(3)", "its description is not a JSON object"},
+      {R"({"shape":[1],"data_offsets":[0,4]})", "dtype is missing or not a string"},
+      {R"({"dtype":4,"shape":[1],"data_offsets":[0,4]})", "dtype is missing or not a string"},
+      {R"({"dtype":"F32","data_offsets":[0,4]})", "shape is missing or not an array"},
+      {R"({"dtype":"F32","shape":4,"data_offsets":[0,4]})", "shape is missing or not an array"},
+      {R"({"dtype":"F32","shape":[1]})", "data_offsets is missing or not an array of 2"},
+      {R"({"dtype":"F32","shape":[1],"data_offsets":[0,4,8]})",
+       "data_offsets is missing or not an array of 2"},
+      {R"({"dtype":"F32","shape":[-1],"data_offsets":[0,4]})",
+       "its shape has an entry that is not"},
+      {R"({"dtype":"F32","shape":[1.5],"data_offsets":[0,4]})",
+       "its shape has an entry that is not"},
       {R"({"dtype":"F32","shape":[1],"data_offsets":[-4,0]})", "its data_offsets are not"},
       {R"({"dtype":"F32","shape":[1],"data_offsets":["0",4]})", "its data_offsets are not"},
       {R"({"dtype":"F32","shape":[1],"data_offsets":[4,0]})", "its data ends before it begins"},
       {R"({"dtype":"F32","shape":[1],"data_offsets":[0,5]})", "its data ends at byte 5 of 4"},
-      {R"({"dtype":"F32","shape":[3],"data_offsets":[0,4]})", "4 bytes are not [3] values of F32"},
-      {R"({"dtype":"F16","shape":[1],"data_offsets":[0,4]})", "4 bytes are not [1] values of F16"},
+      {R"({"dtype":"F32","shape":[3],"data_offsets":[0,4]})",
+       "4 bytes do not match shape [3] of type F32"},
+      {R"({"dtype":"F16","shape":[1],"data_offsets":[0,4]})",
+       "4 bytes do not match shape [1] of type F16"},
       {R"({"dtype":"F32","shape":[4294967296,4294967296],"data_offsets":[0,4]})",
-       "4 bytes are not"},
-      {R"({"dtype":"F32","shape":[4611686018427387905],"data_offsets":[0,4]})", "4 bytes are not"},
+       "4 bytes do not match"},
+      {R"({"dtype":"F32","shape":[4611686018427387905],"data_offsets":[0,4]})",
+       "4 bytes do not match"},
   };
   for (const auto& [entry, message] : entries) {
     refused(open(fmt::format(R"({{"a":{}}})", entry), 4), std::string("tensor 'a': ") + message);
@@ -109,7 +115,7 @@ TEST_CASE("arrays that share bytes, leave some out or have one name are refused"
   refused(open(pair("b", "[2]", "[0,8]"), 8), "tensor 'b': its data overlaps");
   refused(open(pair("b", "[1]", "[12,16]"), 16), "tensor 'b': its data leaves a gap");
   refused(open(pair("b", "[1]", "[8,12]"), 16), "4 bytes at the end");
-  refused(open(pair("a", "[1]", "[8,12]"), 12), "holds 'a' twice");
+  refused(open(pair("a", "[1]", "[8,12]"), 12), "tensor 'a' occurs twice");
 }
 
 TEST_CASE("an array is refused that is not what was asked for") {
@@ -119,13 +125,13 @@ TEST_CASE("an array is refused that is not what was asked for") {
               tensor("nan", "F16", "[1]", "[12,14]"), tensor("new", "X9", "[7]", "[14,15]")});
   const Result<Safetensors> file = open(safetensors_file(header, data));
   REQUIRE(file.ok());
-  refused(file->floats("none", Shape{1}), "holds no tensor 'none'");
-  refused(file->floats("inf", Shape{2}), "tensor 'inf' has the shape [1], not [2]");
-  refused(file->floats("inf", Shape{1, 1}), "tensor 'inf' has the shape [1], not [1, 1]");
-  refused(file->floats("inf", Shape{1}), "tensor 'inf' holds a value that is not finite");
-  refused(file->floats("nan", Shape{1}), "tensor 'nan' holds a value that is not finite");
-  refused(file->floats("long", Shape{1}), "tensor 'long' is of type I64");
-  refused(file->floats("new", Shape{7}), "tensor 'new' is of type X9");
+  refused(file->floats("none", Shape{1}), "tensor 'none' is missing");
+  refused(file->floats("inf", Shape{2}), "tensor 'inf': wrong shape (expected [2], got [1])");
+  refused(file->floats("inf", Shape{1, 1}), "tensor 'inf': wrong shape (expected [1, 1], got [1])");
+  refused(file->floats("inf", Shape{1}), "tensor 'inf': contains a non-finite value");
+  refused(file->floats("nan", Shape{1}), "tensor 'nan': contains a non-finite value");
+  refused(file->floats("long", Shape{1}), "tensor 'long': unsupported type I64");
+  refused(file->floats("new", Shape{7}), "tensor 'new': unsupported type X9");
 }
 
 TEST_CASE("every cut of a file is refused") {
@@ -165,8 +171,9 @@ TEST_CASE("VGG16 is read by torchvision's names, with LPIPS's linear layers or w
   network.convolutions[12].bias[511] += 1.0f;
   CHECK((*read(network, ""))->hash != hash);
   network.convolutions[5].weight.resize(9 * 256);
-  refused(read(network, ""), "tensor 'features.12.weight': 9216 bytes are not [256, 256, 3, 3]");
+  refused(read(network, ""),
+          "tensor 'features.12.weight': 9216 bytes do not match shape [256, 256, 3, 3]");
   network = random_vgg16(1, true);
   network.channel_weights[2][7] = -0.5f;
-  refused(read(network, ""), "tensor 'lin2.model.1.weight' has a value below 0");
+  refused(read(network, ""), "tensor 'lin2.model.1.weight': negative channel weight");
 }

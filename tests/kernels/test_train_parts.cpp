@@ -427,7 +427,7 @@ TEST_CASE("a checkpoint of another layout is told from what is none") {
     std::ofstream(path, std::ios::binary) << bytes;
     const Status status = read_checkpoint(path).status();
     CHECK(status.code() == StatusCode::kUnsupported);
-    CHECK(status.message().find("another version of stgs; go on with") != std::string::npos);
+    CHECK(status.message().find("another version of stgs; resume with") != std::string::npos);
   }
   bytes[6] = 'Q';
   std::ofstream(path, std::ios::binary) << bytes;
@@ -500,7 +500,7 @@ TEST_CASE("what differs between two runs is named, with both values") {
   CHECK(other.code() == StatusCode::kUsage);
   const std::string& message = other.message();
   CHECK(message.find("a.ckpt: ") == 0);
-  CHECK(message.find("\n  seed: 1, now 2\n  camera b: not there, now 4x3") != std::string::npos);
+  CHECK(message.find("\n  seed: 1, now 2\n  camera b: missing, now 4x3") != std::string::npos);
   CHECK(message.find("iterations") == std::string::npos);
   Fingerprint many;
   for (int i = 0; i < 40; ++i) many.emplace_back(fmt::format("p{}", i), "0");
@@ -512,7 +512,7 @@ TEST_CASE("a hyper-parameter out of its limits is named, with its value and its 
   CHECK(check_hyper_parameters(parameters).ok());
   REQUIRE(set_hyper_parameter(parameters, "iterations", "0").ok());
   CHECK(check_hyper_parameters(parameters).message() ==
-        "the hyper-parameter iterations is 0; it must be from 1 to 100000000");
+        "hyper-parameter iterations is out of range (expected 1 to 100000000");
   for (const auto& [name, value] :
        std::initializer_list<std::pair<const char*, const char*>>{{"initial_opacity", "1"},
                                                                   {"drop_share", "10"},
