@@ -205,8 +205,7 @@ class CudaRenderer final : public Renderer {
       if (need.instances > kMaxInstances * views.size()) {
         return runtime_error(
             "{}: cannot render {} s: the splats touch {} tiles, more than the limit of 2^26 per "
-            "view; "
-            "render smaller views",
+            "view; render smaller views",
             timeline.name(), seconds, need.instances);
       }
       if (need.splats <= buffers_.splat_capacity() &&

@@ -19,9 +19,11 @@ constexpr double kMaxRetryAfter = 30;  // asks for a longer wait, up to this
 constexpr std::chrono::milliseconds kPollInterval{250};
 constexpr std::size_t kMaxComparedHead = 4096;  // bytes by which refresh() recognises the file
 
-class Http final : public HttpSource {
+}  // namespace
+
+class HttpSource::Impl {
  public:
-  Http(std::string url, HttpSettings settings)
+  Impl(std::string url, HttpSettings settings)
       : url_(std::move(url)), name_(display_location(url_)), settings_(std::move(settings)) {
     settings_.max_connections = std::max(settings_.max_connections, 1);
     settings_.max_attempts = std::max(settings_.max_attempts, 1);
@@ -37,16 +39,15 @@ class Http final : public HttpSource {
     return {};
   }
 
-  std::uint64_t size() const override { return snapshot().size; }
-  void set_finished() override {
+  std::uint64_t size() const { return snapshot().size; }
+  void set_finished() {
     const std::lock_guard lock(mutex_);
     state_.stable_bytes = state_.size;
     state_.is_finished = true;
   }
-  const std::string& name() const override { return name_; }
+  const std::string& name() const { return name_; }
 
-  bool may_grow() const override { return true; }
-  Result<Change> refresh(std::uint64_t stable_bytes) override {
+  Result<Change> refresh(std::uint64_t stable_bytes) {
     const Snapshot before = snapshot();
     // The file may have changed beyond `stable_bytes`.
     if (stable_bytes < head_bytes_) head_bytes_ = stable_bytes;
@@ -69,11 +70,8 @@ class Http final : public HttpSource {
                                                                         : Change::kResized;
   }
 
-  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    return read_while({}, offset, out);
-  }
   Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
-                    std::span<std::uint8_t> out) const override {
+                    std::span<std::uint8_t> out) const {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
     if (offset + out.size() <= head_bytes_) {
@@ -83,7 +81,7 @@ class Http final : public HttpSource {
     return fetch(offset, out, Check::kSame, {}, should_continue).status();
   }
 
-  TransferStatistics statistics() const override {
+  TransferStatistics statistics() const {
     const std::lock_guard lock(mutex_);
     return statistics_;
   }
@@ -103,7 +101,7 @@ class Http final : public HttpSource {
   // Borrows a connection of the source; waits if all are in use.
   class Lease {
    public:
-    explicit Lease(const Http& source) : source_(source) {
+    explicit Lease(const Impl& source) : source_(source) {
       std::unique_lock lock(source.mutex_);
       source.freed_.wait(lock, source.settings_.stop, [&] {
         return !source.free_.empty() || source.opened_ < source.settings_.max_connections;
@@ -127,7 +125,7 @@ class Http final : public HttpSource {
     Connection* get() const { return connection_.get(); }
 
    private:
-    const Http& source_;
+    const Impl& source_;
     std::unique_ptr<Connection> connection_;
   };
 
@@ -258,7 +256,41 @@ class Http final : public HttpSource {
   mutable std::minstd_rand random_{std::random_device{}()};
 };
 
-}  // namespace
+HttpSource::HttpSource(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+HttpSource::~HttpSource() = default;
+
+std::uint64_t HttpSource::size() const {
+  return impl_->size();
+}
+
+const std::string& HttpSource::name() const {
+  return impl_->name();
+}
+
+bool HttpSource::may_grow() const {
+  return true;
+}
+
+Result<ByteSource::Change> HttpSource::refresh(std::uint64_t stable_bytes) {
+  return impl_->refresh(stable_bytes);
+}
+
+void HttpSource::set_finished() {
+  impl_->set_finished();
+}
+
+Status HttpSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
+  return impl_->read_while({}, offset, out);
+}
+
+Status HttpSource::read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
+                              std::span<std::uint8_t> out) const {
+  return impl_->read_while(should_continue, offset, out);
+}
+
+TransferStatistics HttpSource::statistics() const {
+  return impl_->statistics();
+}
 
 bool is_http_built() {
   return true;
@@ -266,9 +298,9 @@ bool is_http_built() {
 
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings& settings) {
   if (!is_url(url)) return usage_error("{}: not an HTTP URL (expected http:// or https://)", url);
-  auto source = std::make_unique<Http>(url, settings);
-  STGS_TRY(source->open());
-  return std::unique_ptr<HttpSource>(std::move(source));
+  auto impl = std::make_unique<HttpSource::Impl>(url, settings);
+  STGS_TRY(impl->open());
+  return std::make_unique<HttpSource>(std::move(impl));
 }
 
 }  // namespace stgs::player

@@ -312,9 +312,8 @@ class ComputeRenderer final : public VulkanRenderer {
       const std::uint64_t limit = FrameBuffers::max_instances(device_);
       if (listed > limit) {
         return runtime_error(
-            "{}: cannot render {} s: the splats of all views touch {} tiles, more than the limit "
-            "of "
-            "2^{} per frame; render fewer or smaller views",
+            "{}: cannot render {} s: the splats touch {} tiles, more than the limit of 2^{} per "
+            "frame; render fewer or smaller views",
             timeline.name(), seconds, listed, std::bit_width(limit) - 1);
       }
       target_instances_ = listed;

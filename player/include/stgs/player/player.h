@@ -19,6 +19,8 @@
 
 namespace stgs::player {
 
+class StreamPlayer;  // implements Player
+
 // Something that happened to a player, see Player::take_events().
 struct PlayerEvent {
   enum class Kind {
@@ -105,10 +107,6 @@ enum class PlayerState {
 struct TimeRange {
   double begin = 0, end = 0;
 };
-// A range of clip time, ticks.
-struct TickRange {
-  double begin = 0, end = 0;
-};
 
 // State of live playback. Everything but `growing` is 0 unless the recording is growing.
 struct LiveState {
@@ -147,59 +145,66 @@ class Player {
   static Result<std::unique_ptr<Player>> from_source(std::unique_ptr<ByteSource> source,
                                                      const PlayerSettings& settings = {},
                                                      std::function<void()> interrupt = {});
+  // Used by the functions above.
+  explicit Player(std::unique_ptr<StreamPlayer> impl);
   // Joins the internal threads; pending reads are interrupted.
-  virtual ~Player() = default;
+  ~Player();
+  Player(const Player&) = delete;
+  Player& operator=(const Player&) = delete;
 
   // Returns the data that is resident, without waiting: Timeline::at() omits segments that have not
   // arrived. Lives as long as the player.
-  virtual Timeline& timeline() = 0;
+  Timeline& timeline();
 
   // Starts playback. At the end in the direction of playback, starts from the other end. Does
   // nothing if already playing.
-  virtual void play() = 0;
+  void play();
   // Pauses playback.
-  virtual void pause() = 0;
+  void pause();
   // Seeks to a time in seconds, clamped to the clip. The next advance() returns that position.
   // kUsage if it is not finite.
-  virtual Status seek(double seconds) = 0;
+  Status seek(double seconds);
   // Seeks to the beginning of a frame. kUsage if the clip has no such frame.
-  virtual Status seek_frame(std::uint32_t frame) = 0;
+  Status seek_frame(std::uint32_t frame);
   // Sets the rate: kMinRate to kMaxRate and not 0, else kUsage. Negative rates play backwards.
-  virtual Status set_rate(double rate) = 0;
+  Status set_rate(double rate);
   // Enables or disables looping, which takes effect once the duration is final.
-  virtual void set_loop(bool loop) = 0;
+  void set_loop(bool loop);
   // Follows the live edge of a growing recording at rate 1, from the next advance() on. Does
   // nothing if the recording does not grow.
-  virtual void go_live() = 0;
+  void go_live();
   // Returns the state of live playback.
-  virtual LiveState live() const = 0;
+  LiveState live() const;
 
   // Advances playback to `now`, in seconds of any monotonic clock, and returns the position to
   // render. Moves by at most kMaxStepSeconds times the rate. The position stays where it is while
   // the base layer of the next one is missing, and jumps only on request.
-  virtual double advance(double now) = 0;
+  double advance(double now);
 
   // Returns the playback state.
-  virtual PlayerState state() const = 0;
+  PlayerState state() const;
   // Returns the playback position, seconds.
-  virtual double seconds() const = 0;
+  double seconds() const;
   // Returns whether all of layer 0 is available at the position, so that a frame covers all space.
-  virtual bool ready() const = 0;
+  bool ready() const;
   // Returns the number of layers that are completely available at the position.
-  virtual int layers() const = 0;
+  int layers() const;
   // Returns the number of layers in the file: one per tier for the bases of its segments, then one
   // per tier for their spherical harmonics.
-  virtual int layer_count() const = 0;
+  int layer_count() const;
   // Returns whether nothing more will arrive for the position: every layer missing there is
   // damaged, waits to be retried after a failed read, or does not fit the memory budget.
-  virtual bool is_complete() const = 0;
+  bool is_complete() const;
   // Returns the ranges that play without waiting, ascending: their base layer is available or could
   // not be read.
-  virtual std::vector<TimeRange> buffered() const = 0;
+  std::vector<TimeRange> buffered() const;
   // Returns transfer and memory statistics.
-  virtual StreamStatistics statistics() const = 0;
+  StreamStatistics statistics() const;
   // Returns the events since the last call, oldest first; at most the last kMaxEvents.
-  virtual std::vector<PlayerEvent> take_events() = 0;
+  std::vector<PlayerEvent> take_events();
+
+ private:
+  std::unique_ptr<StreamPlayer> impl_;
 };
 
 }  // namespace stgs::player

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <stop_token>
 #include <string>
 
@@ -58,10 +59,26 @@ struct TransferStatistics {
 // A file that has grown, unless it is finished, counts as the same file; refresh() checks whether
 // its beginning is unchanged. If the server sends ETags, refreshing an unchanged file takes one
 // response without a body (RFC 9110, 13.1.2).
-class HttpSource : public ByteSource {
+class HttpSource final : public ByteSource {
  public:
+  class Impl;
+  // Used by open_url().
+  explicit HttpSource(std::unique_ptr<Impl> impl);
+  ~HttpSource() override;
+
+  std::uint64_t size() const override;
+  const std::string& name() const override;
+  bool may_grow() const override;
+  Result<Change> refresh(std::uint64_t stable_bytes) override;
+  void set_finished() override;
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
+  Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
+                    std::span<std::uint8_t> out) const override;
   // Returns the counts so far. Thread-safe.
-  virtual TransferStatistics statistics() const = 0;
+  TransferStatistics statistics() const;
+
+ private:
+  std::unique_ptr<Impl> impl_;
 };
 
 // Returns whether this build can read URLs, which requires libcurl.
