@@ -28,7 +28,7 @@ Result<encoder::Camera> read_camera(const std::string& path) {
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
                                      path);
   } catch (const std::exception& error) {
-    return invalid_file("{}: not a camera: {}", path, encoder::json_error(error));
+    return invalid_file("{}: cannot read camera: {}", path, encoder::json_error(error));
   }
 }
 

@@ -14,6 +14,7 @@
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
 #include "stgs/player/source.h"
+#include "usage.h"
 
 namespace stgs::tools {
 namespace {
@@ -72,10 +73,11 @@ class Bench final : public Command {
         ->check(number_between(0, 1e6));
     auto* steps = app.add_flag("--steps", steps_,
                                "Report the time and the lower bound of each rendering step");
-    auto* play = app.add_option("--play", pipeline_, "Benchmark playback through this pipeline")
-                     ->excludes(steps)
-                     ->excludes(num_frames)
-                     ->check(CLI::IsMember({"timeline", "player"}));
+    auto* play =
+        with_choices(app.add_option("--play", pipeline_, "Benchmark playback through this pipeline")
+                         ->excludes(steps)
+                         ->excludes(num_frames),
+                     {"timeline", "player"});
     app.add_option("--frames", play_.frames, "Frames of the clip to play")
         ->needs(play)
         ->check(number_between(1, 1e6))

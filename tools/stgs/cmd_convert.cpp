@@ -261,8 +261,9 @@ class Convert final : public Command {
     std::vector<std::uint32_t> order;
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
     if (order.size() < work.scene.gaussians.size()) {
-      work.report.notes.push_back(fmt::format("{} primitives are dropped: never visible",
-                                              work.scene.gaussians.size() - order.size()));
+      work.report.notes.push_back(
+          fmt::format("{} dropped: never visible",
+                      plural(work.scene.gaussians.size() - order.size(), "primitive")));
     }
     // In file order, for the comparison with the decoded output.
     work.scene.gaussians = work.scene.gaussians.gather(order);
@@ -322,8 +323,8 @@ class Convert final : public Command {
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.report));
     std::string text =
-        fmt::format("{}: {} primitives from {} to {}, {} to {}, {:.1f} bytes per primitive\n",
-                    output_, primitives, name_of(work.from), name_of(work.to),
+        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n", output_,
+                    plural(primitives, "primitive"), name_of(work.from), name_of(work.to),
                     human_bytes(work.bytes_in), human_bytes(bytes_out), each);
     text += import_text(work.report);
     text += work.errors

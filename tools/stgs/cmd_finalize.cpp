@@ -53,8 +53,8 @@ class Finalize final : public Command {
                        {"incomplete_bytes", damage.incomplete_bytes},
                        {"damaged", damage_json(damage)}};
     std::string text = fmt::format(
-        "{}: {}, {} primitives in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
-        finished->primitives(), plural(std::ssize(finished->parts()), "part"),
+        "{}: {}, {} in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
+        plural(finished->primitives(), "primitive"), plural(std::ssize(finished->parts()), "part"),
         human_bytes(finished->file_bytes()));
     if (!closed) text += "the recording was not closed\n";
     return session.emit(json, text);

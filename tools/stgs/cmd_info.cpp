@@ -42,9 +42,9 @@ std::string to_text(const DecoderNeeds& needs) {
       "  decoder          {}: peak {} primitives ({} in {}, {} decoded); {} to start, then {:.3g} "
       "Mbit/s and {:.3g} million primitives/s\n",
       needs.level > 0 ? fmt::format("level {}", needs.level) : "above all levels", needs.primitives,
-      human_bytes(needs.bytes), plural(static_cast<std::int64_t>(needs.ranges), "range"),
-      human_bytes(needs.decoded_bytes), human_bytes(needs.startup_bytes),
-      needs.bits_per_second * 1e-6, needs.primitives_per_second * 1e-6);
+      human_bytes(needs.bytes), plural(needs.ranges, "range"), human_bytes(needs.decoded_bytes),
+      human_bytes(needs.startup_bytes), needs.bits_per_second * 1e-6,
+      needs.primitives_per_second * 1e-6);
 }
 
 const char* form_name(SceneForm form) {

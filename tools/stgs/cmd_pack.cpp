@@ -56,14 +56,14 @@ class Pack final : public Command {
     return session.emit(
         json,
         fmt::format(
-            "{}: {} primitives ({} never visible dropped), {} to {}, {:.1f} bytes per primitive\n"
+            "{}: {} ({} never visible dropped), {} to {}, {:.1f} bytes per primitive\n"
             "{}errors: position {:.3g} max, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} max, "
             "{:.3g} "
             "at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % max\n",
-            output_, report.primitives, report.dropped, human_bytes(report.bytes_in),
-            human_bytes(report.bytes_out), report.bytes_per_primitive, quality_text(report),
-            report.position_max, report.position_rms, report.colour_rms, report.opacity_max,
-            report.visibility_max, report.time_max, report.radius_max,
+            output_, plural(report.primitives, "primitive"), report.dropped,
+            human_bytes(report.bytes_in), human_bytes(report.bytes_out), report.bytes_per_primitive,
+            quality_text(report), report.position_max, report.position_rms, report.colour_rms,
+            report.opacity_max, report.visibility_max, report.time_max, report.radius_max,
             100.0 * std::expm1(report.sigma_max)));
   }
 

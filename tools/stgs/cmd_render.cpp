@@ -254,10 +254,9 @@ class Render final : public Command {
                          {"blend", totals.stats.blend_ms / n}}},
                        {"mean_splats", static_cast<double>(totals.stats.splats) / n},
                        {"peak_memory", peak_memory()}};
-    const std::string text =
-        fmt::format("{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
-                    plural(static_cast<std::int64_t>(images), "image"), 1000 * totals.render / n,
-                    fps, human_bytes(peak_memory()));
+    const std::string text = fmt::format(
+        "{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
+        plural(images, "image"), 1000 * totals.render / n, fps, human_bytes(peak_memory()));
     if (o_.output != "-") return session.emit(json, text);
     session.emit_to_stderr(json, text);
     return {};

@@ -91,7 +91,7 @@ class PlayWindow {
 
   Status run() {
     while (!window_->closing() && !done_) {
-      if (interrupted()) return runtime_error("the window was closed");
+      if (interrupted()) return runtime_error("playback stopped");
       const bool idle = is_idle();
       is_busy_ = is_busy_ && !idle;
       window_->poll(idle ? kIdleSeconds : 0);
